@@ -21,7 +21,7 @@ from crowdbench.isolation.launch import MACHINES
 from crowdbench.isolation.limits import TASKS, launcher
 from crowdbench.plugins.kind import ROOT
 from crowdbench.utils.compiled import cache_folder
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import MachineFault
 
 CLIENT = (sys.executable, "-P", "-m", "crowdbench.isolation.client")
 """Command that makes a Python planner in its process. With `-P`, a file in the current folder replaces no module."""
@@ -74,22 +74,23 @@ def command(
         hidden: Folders that it may not read, except for `readable`, even if they are in folders of Python.
 
     Raises:
-        InputError: Root starts it, and nobody else may read one of the files.
+        MachineFault: Root starts it, and nobody else may read one of the files.
     """
     plain = CLIENT if program is None else (str(program.resolve()),)
     if level() == PROCESS:
         return plain
     files = [*readable, *([] if program is None else [program.resolve()])]
     if _is_root():
-        _check_that_nobody_may_read([*_python(), *files])
+        inside = [path for folder in files for path in (folder, *folder.rglob("*"))]
+        _check_that_nobody_may_read([*_python(), *inside])
     return (*_bubblewrap(files, folder or Path.cwd(), hidden), *_inside(plain))
 
 
 def _check_that_nobody_may_read(paths: Iterable[Path]) -> None:
-    for path in paths:
+    for path in filter(Path.exists, paths):
         needed = 0o5 if path.is_dir() else 0o4
         if path.stat().st_mode & needed != needed:
-            raise InputError(
+            raise MachineFault(
                 f"{path} cannot be read by planners, since root runs them as the user nobody: allow it by "
                 f"`chmod -R o+rX {path}`, or run crowdbench as another user"
             )

@@ -91,17 +91,16 @@ def submit(
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message), progress(cases, f"of {cases} public cases") as update:
         entry, failures = submit_planner(submission, root, work, update)
-    _say_entry(entry, failures, rules, root, data)
+    _say_entry(entry, failures, rules, data)
 
 
-def _say_entry(entry: Entry, failures: Mapping[str, str], board: Board, root: Path, data: Path | None) -> None:
-    """Print what an entry reports, the season in which it is verified, and the next commands.
+def _say_entry(entry: Entry, failures: Mapping[str, str], board: Board, data: Path | None) -> None:
+    """Print what an entry reports, and the next commands.
 
     Args:
         entry: The entry that was made.
         failures: The error of each scenario that cannot be driven.
         board: Its board.
-        root: The folder of boards.
         data: The folder with recorded tracks, if the board needs it.
     """
     for scenario, reason in failures.items():
@@ -115,7 +114,7 @@ def _say_entry(entry: Entry, failures: Mapping[str, str], board: Board, root: Pa
         say(f"{scenario}: {_means(episodes)} in {len(episodes)} public cases")
     given = [] if data is None else ["--data", data]
     say(
-        f"made {entry.directory}. {_describe_season(entry.spec.board, root)} Next:\n"
+        f"made {entry.directory}, which is verified in the next season of its board. Next:\n"
         f"  {command('verify', entry.directory, *given)}   re-runs it on held-out cases\n"
         "  then open a pull request with this folder: see docs/boards.md"
     )
@@ -124,18 +123,6 @@ def _say_entry(entry: Entry, failures: Mapping[str, str], board: Board, root: Pa
 def _means(episodes: Episodes) -> str:
     score, success = (float(episodes.columns[name].mean()) for name in ("score", "success_rate"))
     return f"score {score:.3f}, success {100 * success:.1f} %"
-
-
-def _describe_season(board: str, root: Path) -> str:
-    """Return a sentence with the season in which a new entry is verified."""
-    from crowdbench_leaderboards.season import SEASON, read_season
-
-    if not (root / SEASON).exists():
-        return "It is verified in the next season of the board."
-    season = read_season(root)
-    if board in season.frozen:
-        return f"The entries of the season {season.spec.name} are frozen: it is verified in the next season."
-    return f"It is verified in the season {season.spec.name}, which closes on {season.spec.closes}."
 
 
 def _check_contract(planner: str, options: Sequence[str]) -> None:

@@ -114,14 +114,15 @@ def merge_order(folder: Path) -> list[Path]:
         folder: The folder of the entries of a board.
     """
     present = sorted(path.parent for path in folder.glob(f"*/{ENTRY}"))
-    command = ["git", "log", "--first-parent", "-m", "--diff-filter=A", "--name-only", "--format=", "-z", "--relative"]
+    command = "git log --first-parent -m --diff-filter=A --no-renames --name-only -z --relative --format=%x3a -- ."
     try:
-        added = subprocess.run([*command, "--", "."], cwd=folder, capture_output=True, check=True).stdout
+        added = subprocess.run(command.split(), cwd=folder, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):
         return present  # no repository, or no git
     place: dict[str, int] = {}
-    for number, path in enumerate(added.decode(errors="replace").split("\0")):  # the last addition comes first
-        name, _, file = path.strip("\n").partition("/")
-        if file == ENTRY:
-            place.setdefault(name, -number)
+    for number, commit in enumerate(added.decode(errors="replace").split(":")):  # the last one comes first
+        for path in commit.split("\0"):
+            name, _, file = path.strip("\n").partition("/")
+            if file == ENTRY:
+                place.setdefault(name, -number)
     return sorted(present, key=lambda path: (place.get(path.name, 1), path.name))

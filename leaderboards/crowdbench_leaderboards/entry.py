@@ -2,7 +2,7 @@
 
 entries/<name>/entry.json       an `EntrySpec`, at most `MOST_LINES` lines
 entries/<name>/card.toml        a `CardSpec`, written by the authors
-entries/<name>/planner/         the planner's files, unless it is built in or an installed package
+entries/<name>/planner/         the planner's files, unless it is a planner that ships
 entries/<name>/public.parquet   the episodes and commands of the public cases
 entries/<name>/season.parquet   the episodes of the ranked cases of the last season, see `verdict`
 entries/<name>/verdict.json     the verdict of that season
@@ -42,9 +42,8 @@ from crowdbench_leaderboards.planner_files import (
     FILE_NAME,
     check_files,
     check_named_files,
+    check_planner,
     contents,
-    package,
-    package_digest,
 )
 
 ENTRIES = "entries"
@@ -62,10 +61,7 @@ ACCOUNT = r"([a-z0-9](-?[a-z0-9]){0,38})?"
 """The pattern of a login of the forge in lower case; empty for a planner that ships."""
 
 MOST_LINES, MOST_BYTES, MOST_NETWORKS = 40, 20_000, 12
-"""Lines and bytes of `entry.json`, and other networks of a method, at most."""
-
-SHIPPED = "crowdbench=="
-"""The beginning of the distribution of a planner that ships."""
+"""Lines of `entry.json`, bytes of it and of the card, and other networks of a method, at most."""
 
 SCHEMA = 2
 """Version of the format of `entry.json`."""
@@ -127,8 +123,6 @@ class EntrySpec(Record):
         planner: Name or file of the planner, as for `crowdbench run --planner`; a file is relative to the entry.
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ. They are trained with other seeds.
-        package: For a planner that is not a file: the distribution with its version, such as `crowdbench==0.1.0`.
-        package_digest: For a planner of another distribution than crowdbench, the sha256 of its Python files.
         facts: The facts that the planner states in each scenario, such as the digest of its weights.
         privileged: True if the planner uses information that no sensor of a vehicle could measure.
         raw: True if the planner has a tracker of its own behind the detector of the board.
@@ -142,8 +136,6 @@ class EntrySpec(Record):
     planner: Annotated[str, Field(pattern=r"^[A-Za-z0-9_./:+-]{1,200}$")]
     options: dict[str, JsonValue]
     networks: Annotated[list[dict[str, JsonValue]], Field(max_length=MOST_NETWORKS)]
-    package: str
-    package_digest: str
     facts: dict[str, dict[str, str]]
     privileged: bool
     raw: bool
@@ -179,8 +171,8 @@ class Entry:
     def digest(self) -> str:
         """The sha256 of everything that is frozen when a season closes: planner, options, files and card."""
         spec = self.spec
-        planner = [spec.planner, spec.options, spec.networks, spec.facts, spec.package, spec.package_digest, spec.files]
-        text = json.dumps([spec.board, self.name, planner], sort_keys=True)
+        frozen = spec.model_dump(exclude={"format", "board_digest", "environment"})
+        text = json.dumps([self.name, frozen], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -193,20 +185,24 @@ def read_entry(directory: Path) -> Entry:
     if not NAMES.fullmatch(directory.resolve().name):
         raise InputError(f"{directory} cannot be an entry: {NAMING}")
     check_files(directory)  # no links from here on
-    path = directory / ENTRY
+    path, card = directory / ENTRY, directory / CARD
+    for file in (path, card):
+        if file.exists() and file.stat().st_size > MOST_BYTES:
+            raise InputError(f"{file} has more than {MOST_BYTES / 1e3:g} kB")
     try:
-        content = path.read_bytes()[: MOST_BYTES + 1]
-        table = read_json(path) if len(content) <= MOST_BYTES else None
+        table = read_json(path)
+        lines = path.read_bytes().count(b"\n")
     except OSError as error:
         raise InputError(f"{directory} is no entry: {path} cannot be read ({error.strerror})") from None
-    if len(content) > MOST_BYTES or content.count(b"\n") > MOST_LINES:
-        raise InputError(f"{path} has more than {MOST_LINES} lines or {MOST_BYTES / 1e3:g} kB")
+    if lines > MOST_LINES:
+        raise InputError(f"{path} has more than {MOST_LINES} lines")
     spec = check_record(EntrySpec, table, path, "entry", SCHEMA)
+    check_planner(spec.planner)
     check_named_files([spec.planner, spec.options, spec.networks], directory)
     if files_digest(directory) != spec.files:
         raise InputError(f"{directory}: its card or a file of its planner was changed since: submit it again")
     check_networks(spec.options, spec.networks, directory)
-    return Entry(directory, spec, read_card(directory / CARD))
+    return Entry(directory, spec, read_card(card))
 
 
 def read_card(path: Path) -> CardSpec:
@@ -227,20 +223,6 @@ def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, A
     found = contents([options, *({**options, **network} for network in networks)], folder)
     if any(network in found[:index] for index, network in enumerate(found)):
         raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
-
-
-def check_unchanged(entry: Entry) -> None:
-    """Raise InputError if the installed planner differs from that of the entry.
-
-    The code of a planner that ships may differ: the version of the simulator is raised if its episodes change.
-    """
-    spec = entry.spec
-    if spec.package.startswith(SHIPPED):
-        return
-    if (installed := package(spec.planner)) != spec.package:
-        raise InputError(f"the planner is of {spec.package}, but {installed} is installed")
-    if package_digest(spec.planner) != spec.package_digest:
-        raise InputError(f"the files of the planner {spec.planner} have changed since submission")
 
 
 def is_pending(entry: Entry, board: Board) -> bool:

@@ -12,7 +12,6 @@ import functools
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -30,7 +29,7 @@ from crowdbench.cli import (
     say,
 )
 from crowdbench.runs import Progress
-from crowdbench.utils import Executor, find_named, open_executor
+from crowdbench.utils import find_named, open_executor
 from crowdbench_leaderboards.board import Board, read_boards
 from crowdbench_leaderboards.board_runs import CaseSet, InUse
 from crowdbench_leaderboards.cli import ROOT, WORK
@@ -108,7 +107,7 @@ def fill(
 def _fill_board(setting: Verifier, key: Path | None) -> None:
     """Create the missing entries of a board, freeze them, and verify them if there is a key."""
     board, root = setting.board, setting.root
-    if not do_all(functools.partial(to_submit, setting), "entry", setting.executor):
+    if not do_all(functools.partial(to_submit, setting), "entry"):
         say(f"{board.name}: other processes are making the last entries")
         return
     try:
@@ -135,17 +134,13 @@ def _drive_missing(setting: Verifier, season: Season) -> None:
         drive_all(tasks, tell, setting.executor)
 
 
-def do_all(missing: Callable[[], Sequence[Job]], what: str, executor: Executor | None = None) -> bool:
+def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
     """Run the jobs that no other process runs; return False if other processes are still running jobs at the end.
 
     Args:
         missing: Returns the jobs that are not done.
         what: The kind of their results, in messages.
-        executor: Workers that run the jobs, if any.
     """
-    if executor is not None:
-        _hand_out(missing(), what, executor)
-        return not missing()
     skipped: set[str] = set()
     while jobs := [job for job in missing() if job.title not in skipped]:
         job = jobs[0]
@@ -158,32 +153,6 @@ def do_all(missing: Callable[[], Sequence[Job]], what: str, executor: Executor |
         except InUse:
             skipped.add(job.title)
     return not missing()
-
-
-def _hand_out(jobs: Sequence[Job], what: str, executor: Executor) -> None:
-    """Run jobs on workers. Raises the first error of a job after the others are finished."""
-    errors = []
-    with progress(sum(job.cases for job in jobs), f"of {len(jobs)} jobs") as tell:
-        futures = {executor.submit(_do, job): job for job in jobs}
-        for future in as_completed(futures):
-            job, outcome = futures[future], future.result()
-            tell(job.cases)
-            if isinstance(outcome, float):
-                say(f"{what}: {job.title} took {outcome / 60:.1f} minutes")
-            elif not isinstance(outcome, InUse):
-                errors.append(outcome)
-    if errors:
-        raise errors[0]
-
-
-def _do(job: Job) -> float | InputError:
-    """Run a job on a worker, and return the seconds that it took, or its error."""
-    start = time.monotonic()
-    try:
-        job.do(progress=lambda done: None)
-    except InputError as error:
-        return error
-    return time.monotonic() - start
 
 
 def to_submit(setting: Verifier) -> list[Job]:
@@ -227,12 +196,13 @@ def freeze_entries(board: Board, root: Path) -> Season:
 
 
 def missing_verdicts(setting: Verifier, season: Season) -> list[Entry]:
-    """Return the entries of a board that take part in the season and have no valid verdict."""
+    """Return the entries of a board that rank in the season and have no valid verdict."""
     board = setting.board
     return [
         entry
         for entry in read_entries(board, setting.root).good
         if season.takes_part(board.name, entry.name, entry.digest)
+        and season.ranks(board.name, entry.name)
         and not is_pending(entry, board)
         and not is_verified(entry, board, season)
         and all(name in setting.external for name in named_externals(entry.spec.options))

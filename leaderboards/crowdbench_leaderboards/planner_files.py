@@ -1,13 +1,13 @@
-"""The files of an entry's planner: copied into the entry and located there, or the files of a package."""
+"""The files of an entry's planner: copied into the entry, checked and located there."""
 
 from __future__ import annotations
 
 import contextlib
 import filecmp
 import hashlib
-import importlib.metadata
 import itertools
 import json
+import os
 import re
 import shutil
 import zipfile
@@ -131,7 +131,9 @@ def _copy(text: str, copies: Path) -> str:
         target = next(folder for folder in folders if _is_free(folder, path.parent, names))
         for name in names:
             (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(path.parent / name, target / name)  # with its permissions: it may be a program
+            shutil.copyfile(path.parent / name, target / name)
+            # As git stores it. It may be a program; only its owner may read what safetensors has written.
+            (target / name).chmod(0o755 if os.access(path.parent / name, os.X_OK) else 0o644)
     except (OSError, ValueError) as error:
         raise InputError(f"{text} cannot be copied: {getattr(error, 'strerror', None) or error}") from None
     copy = (target / path.name).relative_to(copies.parent).as_posix()
@@ -225,28 +227,7 @@ def contents(value: Any, folder: Path) -> Any:
     return _map_texts(digest, value)
 
 
-def package(planner: str) -> str:
-    """Return the distribution with its version that a planner comes from; empty if its files are in the entry."""
-    if planner.startswith(f"{PLANNER}/"):
-        return ""
-    source = PLANNERS.sources().get(planner)
-    if isinstance(source, importlib.metadata.EntryPoint) and source.dist is not None:
-        return f"{source.dist.name}=={source.dist.version}"
-    return f"crowdbench=={importlib.metadata.version('crowdbench')}"
-
-
-def package_digest(planner: str) -> str:
-    """Return the sha256 of the Python files of a planner of another distribution than crowdbench; otherwise empty.
-
-    The planner is not loaded, because an entry may name any planner.
-
-    Raises:
-        InputError: There is no planner of that name.
-    """
-    if planner.startswith(f"{PLANNER}/"):
-        return ""
-    if planner not in PLANNERS.sources():
-        raise InputError(f"no planner that is built in or installed is called {planner!r}")
-    if planner in PLANNERS.built_in():
-        return ""
-    return hashlib.sha256(json.dumps(PLANNERS.files(planner), sort_keys=True).encode()).hexdigest()
+def check_planner(planner: str) -> None:
+    """Raise InputError if the planner of an entry is neither one of its files nor one that ships."""
+    if not planner.startswith(f"{PLANNER}/") and planner not in PLANNERS.built_in():
+        raise InputError(f"no planner that ships is called {planner!r}, and it is no file of {PLANNER}/")

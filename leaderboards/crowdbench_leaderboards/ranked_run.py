@@ -23,7 +23,7 @@ import numpy as np
 from filelock import Timeout
 from jaxtyping import Float, Int
 
-from crowdbench import Cases, Driver, Episodes, InputError, Observation, Scenario, rollout
+from crowdbench import Cases, Driver, Episodes, InputError, Observation, Outcome, rollout
 from crowdbench.isolation import usable_cores
 from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.planners import AheadPlanner
@@ -172,7 +172,8 @@ def _drive(task: RankedTask, cases: Sequence[int], core: Sequence[int], report: 
     undisturbed = any(UNDISTURBED in info_of(name).needs for name in board.metrics)
     with task.planner.start(scenario, core) as isolated:
         driver = Driver(isolated, isolated.name)
-        about = {"facts": driver.facts, "privileged": driver.privileged, "raw": driver.raw and _has_detector(scenario)}
+        raw = driver.raw and scenario.rules.sensor.detector is not None
+        about = {"facts": driver.facts, "privileged": driver.privileged, "raw": raw}
         _write_log(task.log, [{"planner": about}])
         timed = _TimedPlanner(driver, isolated.process.usage.seconds)
         for case in cases:
@@ -180,25 +181,9 @@ def _drive(task: RankedTask, cases: Sequence[int], core: Sequence[int], report: 
             only = Cases(task.case_set.cases.split, case, case + 1)
             trace = rollout(timed, scenario, only, replanning=board.replanning, undisturbed=undisturbed)
             timed.driver.decision_limit = HARD_LIMIT * scenario.rules.dt
-            _write_log(task.log, [_line(Episodes.of(trace, board.metrics), timed.seconds)])
+            (row,) = Episodes.of(trace, board.metrics)
+            _write_log(task.log, [{**row, "seconds": [round(each, 6) for each in timed.seconds]}])
             report(1)
-
-
-def _has_detector(scenario: Scenario) -> bool:
-    return scenario.rules.sensor.detector is not None
-
-
-def _line(episode: Episodes, seconds: list[float]) -> dict[str, Any]:
-    """Return the line of a case. Numbers are exact, and NaN is written as such."""
-    block = {} if episode.block is None else {"block": int(episode.block[0])}
-    return {
-        "case": int(episode.case[0]),
-        "outcome": int(episode.outcome[0]),
-        "steps": int(episode.steps[0]),
-        **block,
-        "metrics": {name: values[0].item() for name, values in episode.columns.items()},
-        "seconds": [round(each, 6) for each in seconds],
-    }
 
 
 def _write_log(path: Path, lines: Sequence[Mapping[str, Any]]) -> None:
@@ -215,9 +200,9 @@ def read_ranked(task: RankedTask) -> RankedRun:
     seconds = [each for row in rows for each in row["seconds"]]
     if failed or len(rows) < len(task.case_set.cases):
         return RankedRun(None, seconds, planner, failed or "its ranked run is not finished")
-    case, outcome, steps = (np.array([row[name] for row in rows], np.int64) for name in ("case", "outcome", "steps"))
-    columns = {name: np.array([row["metrics"][name] for row in rows]) for name in rows[0]["metrics"]}
-    block = np.array([row["block"] for row in rows], np.int64) if "block" in rows[0] else None
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "seconds"}
+    case, labels, steps, block = (columns.pop(name, None) for name in ("case", "outcome", "steps", "block"))
+    outcome = np.array([Outcome[label.upper()] for label in labels], np.int64)
     return RankedRun(Episodes(case, outcome, steps, columns, block), seconds, planner, "")
 
 

@@ -41,7 +41,7 @@ from crowdbench_leaderboards.entry import (
     write_record,
 )
 from crowdbench_leaderboards.episode_table import write_table
-from crowdbench_leaderboards.planner_files import Files, check_files, copy_named_files, package, package_digest
+from crowdbench_leaderboards.planner_files import Files, check_files, check_planner, copy_named_files
 
 REHEARSED = 20
 """Cases of a rehearsal, over all scenarios of a board; one of each scenario at least."""
@@ -110,7 +110,7 @@ class Submission:
         """
         shutil.copyfile(self.card, folder / CARD)
         planner = copy_named_files(self.planner, folder)
-        package_digest(planner)  # raises if there is no such planner
+        check_planner(planner)
         options = copy_named_files(self.options, folder)
         networks = [{**options, **copy_named_files(network, folder)} for network in self.networks]
         check_files(folder)
@@ -163,8 +163,6 @@ def _make_spec(submission: Submission, planner: EntryPlanner, networks: list[dic
         planner=planner.planner,
         options=dict(planner.options),
         networks=networks,
-        package=package(planner.planner),
-        package_digest=package_digest(planner.planner),
         facts={name: result["run"]["planner"]["facts"] for name, result in results.items()},
         privileged=any(result["stated"]["privileged"] for result in results.values()),
         raw=any(result["stated"]["raw"] for result in results.values()),

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from crowdbench import Episodes, InputError
 from crowdbench.metrics import Estimate
@@ -58,25 +58,6 @@ class DecisionTime(Record):
     is_real_time: bool
 
 
-Rounded = Annotated[float | None, AfterValidator(lambda value: None if value is None else float(f"{value:.6g}"))]
-"""A number with six digits; None if it is undefined."""
-
-
-class Figure(Record):
-    """The estimate of a metric, see `crowdbench.metrics.summary.Estimate`."""
-
-    mean: Rounded
-    low: Rounded
-    high: Rounded
-    n: int
-    max: Rounded
-
-    @property
-    def estimate(self) -> Estimate:
-        """The estimate."""
-        return read_estimate(self.model_dump())
-
-
 class Method(Record):
     """Means over networks that were trained with other seeds.
 
@@ -88,7 +69,12 @@ class Method(Record):
 
     networks: int
     cases: int
-    metrics: dict[str, Figure]
+    metrics: dict[str, dict[str, float | None]]
+
+    @property
+    def success(self) -> Estimate:
+        """The mean success rate."""
+        return read_estimate(self.metrics["success_rate"])
 
 
 class Verification(Record):
@@ -190,15 +176,9 @@ def read_verification(entry: Entry, board: Board, season: Season) -> tuple[Verif
         raise Unverified(f"its verification does not count, because {error}") from None
     if not season.takes_part(board.name, entry.name, entry.digest):
         raise Unverified("it was not frozen with the other entries, or was changed since")
-    expected: dict[str, Any] = {
-        "board": board.name,
-        "board_digest": board.digest,
-        "entry": entry.name,
-        "entry_digest": entry.digest,
-        "season": season.spec.name,
-        "seed": seed,
-    }
-    if any(getattr(verification, name) != value for name, value in expected.items()):
+    found = verification
+    stated = [found.board, found.board_digest, found.entry, found.entry_digest, found.season, found.seed]
+    if stated != [board.name, board.digest, entry.name, entry.digest, season.spec.name, seed]:
         raise Unverified("its verification is of another entry, another digest of the board, or other cases")
     if not is_signed(verification.signed_content, verification.signature, verification.by, season.root):
         raise Unverified("no maintainer has signed its verification")

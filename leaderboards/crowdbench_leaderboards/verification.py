@@ -27,11 +27,11 @@ from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, InUse, drive, lock_runs
 from crowdbench_leaderboards.consistency_test import lower_than_claimed
 from crowdbench_leaderboards.entries import check_entry
-from crowdbench_leaderboards.entry import PUBLIC, Entry, check_unchanged, read_entry
+from crowdbench_leaderboards.entry import PUBLIC, Entry, read_entry
 from crowdbench_leaderboards.episode_table import MAX_MEMORY, read_table
 from crowdbench_leaderboards.means import check_networks_differ, method_cases, method_networks, summarize_method
 from crowdbench_leaderboards.memory_limit import limit_memory
-from crowdbench_leaderboards.planner_files import Files
+from crowdbench_leaderboards.planner_files import Files, locate_named_files
 from crowdbench_leaderboards.ranked_run import MIN_IN_TIME, RankedRun, RankedTask, drive_all, read_ranked
 from crowdbench_leaderboards.season import Season
 from crowdbench_leaderboards.signature import find_signer
@@ -139,6 +139,7 @@ class Verifier:
                 f"{self.board.name} ({entry.spec.board_digest[:12]}) than these ({self.board.digest[:12]}): submit it "
                 "again"
             )
+        locate_named_files(entry.spec.options, entry.directory, self.external)  # raises if a file is not given
         if level() == PROCESS:
             raise InputError("an entry is verified in a sandbox, for which bubblewrap is needed: install it")
 
@@ -204,7 +205,6 @@ class Verifier:
         Raises:
             InputError: The planner breaks its contract or a limit, or differs from the submitted planner.
         """
-        check_unchanged(entry)
         tasks = self.tasks(entry, case_set, runs)
         drive_all(tasks, self.progress, self.executor)
         ranked = {task.scenario: read_ranked(task) for task in tasks}

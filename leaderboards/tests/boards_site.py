@@ -29,6 +29,7 @@ def build_site(root, place):
     docs = place / "docs"
     (docs / "tables").mkdir(parents=True, exist_ok=True)
     (place / "mkdocs.yml").write_text(CONFIGURATION)
+    shutil.copytree(ROOT / "docs" / "theme", docs / "theme", dirs_exist_ok=True)
     for name in ("style.css", "tables.js"):
         shutil.copy(ROOT / "docs" / name, docs)
     for name in ("index", "boards", "boards_rules", "trust", "suite"):

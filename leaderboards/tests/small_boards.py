@@ -39,7 +39,7 @@ SHIPPED = '[[shipped]]\nname = "orca"\nplanner = "orca"\n'
 
 def card(**changes):
     """The text of a card."""
-    fields = {"title": '"A plain planner"', "authors": '["Ada"]', "contact": '"ada@example.org"', "account": '"ada"'}
+    fields = {"title": '"Mine"', "authors": '["Ada"]', "contact": '"ada@example.org"', "account": '"ada"'}
     fields |= {"method": '"mine"', "licence": '"MIT"', "description": '"Drives."', "training_data": "[]"}
     fields |= {"training_scenarios": "[]", "privileged_training": "false", "crowd_model": '"none"'}
     fields |= {"validation_runs": "1", "training_seeds": "0"}
@@ -99,7 +99,7 @@ def _make(folder: Path):
     board = write_board(root)
     (root / "season.toml").write_text(SEASON)
     (root / "shipped.toml").write_text(SHIPPED)
-    (folder / "card.toml").write_text(card())
+    (folder / "card.toml").write_text(card(title='"A plain planner"'))
     (folder / "baseline.toml").write_text(BASELINE)
     planner = make_planner("careful", folder)
     submit(Submission(board, "careful", str(planner / "careful.py"), {}, [], folder / "card.toml"), root, work)

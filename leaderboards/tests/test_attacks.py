@@ -1,13 +1,16 @@
 """What a planner can try against a board, by the way in: each attempt gains nothing, and honest ones pass."""
 
+import dataclasses
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import safetensors.numpy
-from board_entries import PLANNER, seal, submitted
+from board_entries import PLANNER, entered, seal, submitted
+from commands.test_newcomer import export
 from small_boards import BOARD, SEASON, verifier, verify, write_board
 from typer.testing import CliRunner
 
@@ -21,6 +24,7 @@ from crowdbench_leaderboards.board import read_board
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner
 from crowdbench_leaderboards.entry import read_entry
 from crowdbench_leaderboards.ranked_run import drive_ranked, read_ranked
+from crowdbench_leaderboards.submission import submit
 from crowdbench_leaderboards.verdict import Verdict
 
 pytestmark = [
@@ -274,3 +278,40 @@ def test_an_honest_planner_with_a_lidar_is_verified(tmp_path):
     entry, board = submitted(tmp_path, PLANNER + looks)
     found = verify(entry, board, work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN, found.reason
+
+
+PROGRAM = f"""#!{sys.executable}
+import struct, sys
+import numpy as np
+from safetensors.numpy import load
+
+def answer(kind, content=b""):
+    sys.stdout.buffer.write(struct.pack("<IQ", kind, len(content)) + content)
+    sys.stdout.buffer.flush()
+
+while head := sys.stdin.buffer.read(12):
+    kind, size = struct.unpack("<IQ", head)
+    content = sys.stdin.buffer.read(size)
+    if kind == 3:
+        obs = load(content)
+        way = obs["vehicle.goal"] - obs["vehicle.position"]
+        answer(12, (0.9 * way / np.linalg.norm(way, axis=1, keepdims=True))[:, None].astype("<f8").tobytes())
+    else:
+        answer(11, b'{{"version": 1, "privileged": false, "facts": {{}}}}' if kind == 1 else b"")
+"""
+
+
+def write_program(path):
+    path.write_text(PROGRAM)
+    path.chmod(0o755)
+
+
+@pytest.mark.parametrize(("file", "write"), [("program", write_program), ("policy.onnx", export)])
+def test_honest_programs_and_onnx_files_are_verified(file, write, tmp_path):
+    write(tmp_path / file)
+    wanted = dataclasses.replace(entered(tmp_path, PLANNER), planner=str(tmp_path / file))
+    entry, _ = submit(wanted, tmp_path / "boards", tmp_path / "work")
+    assert entry.spec.planner == f"planner/{file}"
+    found = verify(entry, wanted.board, work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN, found.reason
+    assert found.decision_time.is_real_time

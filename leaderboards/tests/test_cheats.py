@@ -65,11 +65,25 @@ def test_large_and_many_files_are_refused_where_an_entry_is_read(folder, monkeyp
 def test_an_entry_json_is_short(folder):
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table, indent=1) + "\n" * 40)
-    with pytest.raises(InputError, match="has more than 40 lines or 20 kB"):
+    with pytest.raises(InputError, match="has more than 40 lines"):
         read_entry(folder)
     seal(folder, options={"table": "x" * 30_000})
-    with pytest.raises(InputError, match="has more than 40 lines or 20 kB"):
+    with pytest.raises(InputError, match=r"entry\.json has more than 20 kB"):
         read_entry(folder)
+    seal(folder, options={})
+    with (folder / "card.toml").open("a") as file:
+        file.write("#" * 30_000)
+    with pytest.raises(InputError, match=r"card\.toml has more than 20 kB"):
+        read_entry(folder)
+
+
+def test_an_entry_that_was_privileged_when_it_was_verified_does_not_rank_by_a_later_change(folder):
+    before = read_entry(folder).digest
+    for key in ("privileged", "raw"):
+        seal(folder, **{key: True})
+        assert read_entry(folder).digest != before
+        seal(folder, **{key: False})
+    assert read_entry(folder).digest == before
 
 
 def with_commands(path, commands, **how):

@@ -101,8 +101,6 @@ ENTRY = {
     "planner": "planner/mine.py",
     "options": {"pace": 0.5, "weights": "planner/a.json"},
     "networks": [],
-    "package": "",
-    "package_digest": "",
     "facts": {"circle_crossing_5": {"weights": "1"}},
     "privileged": False,
     "raw": False,

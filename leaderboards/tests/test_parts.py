@@ -15,7 +15,6 @@ from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import MEASURED
 from crowdbench_leaderboards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench_leaderboards.entry import read_card
-from crowdbench_leaderboards.pages.page_tables import profile
 from crowdbench_leaderboards.pages.standings import SHOWN, Standings
 from crowdbench_leaderboards.submission import Submission, rehearse
 
@@ -111,15 +110,6 @@ def test_the_interval_of_a_method_has_a_width_and_ends_at_1(shares):
     assert found.high - found.low > 0.004
 
 
-def test_a_profile_has_the_score_in_each_family(tmp_path):
-    board = write_board(tmp_path, "two", FAMILIES)
-    scores = {"circle_crossing_5": 0.9, "circle_crossing_10": 0.7}
-    each = np.arange(60)
-    own = {name: Episodes(each, each, each, {"score": np.full(60, score)}) for name, score in scores.items()}
-    found = profile(board, SimpleNamespace(episodes=own))
-    assert {family: one.mean for family, one in found.items()} == pytest.approx({"circle": 0.8, "square": 0.0})
-
-
 def test_a_card_as_it_was_made_is_refused(tmp_path):
     path = make_planner("gentle", tmp_path) / "card.toml"  # a name that no test has imported
     submission = Submission(write_board(tmp_path / "boards"), "careful", "orca", {}, [], path)
@@ -151,8 +141,8 @@ def test_a_board_shows_the_metrics_of_its_ranked_entries():
         return SimpleNamespace(figures={name: Estimate(0.1 if name in names else np.nan, 0, 1, 5, 1) for name in SHOWN})
 
     old, new = entry("sct", "jerk"), entry("sct", "jerk", "at_fault_rate")
-    assert Standings(None, "", [old], [new], {}, {}, []).shown == ["sct", "jerk"]
-    assert Standings(None, "", [], [old, new], {}, {}, []).shown == ["at_fault_rate", "sct", "jerk"]
+    assert Standings(None, [old], [new], {}, {}, []).shown == ["sct", "jerk"]
+    assert Standings(None, [], [old, new], {}, {}, []).shown == ["at_fault_rate", "sct", "jerk"]
 
 
 def test_every_board_ranks_by_the_score():

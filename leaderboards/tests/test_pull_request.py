@@ -173,15 +173,6 @@ def add_a_name_with_a_line_break(clone):
     clone.write(f"{entry('hers')}/planner/a\nb.py", "")
 
 
-def add_many_files(clone):
-    for number in range(110):
-        clone.write(f"{entry('hers')}/planner/{number}.py", "")
-
-
-def add_a_large_file(clone):
-    clone.write(f"{entry('hers')}/planner/a.txt", "#" * 50_000_001)
-
-
 def add_a_board(clone):
     clone.write("leaderboards/six/entries/hers/card.toml", 'account = "ada"')
 
@@ -198,8 +189,8 @@ FORBIDDEN = [
     delete, delete_in_part, change, take_over, rename, replace_by_ones_own, add_to, change_nobodys, enter_for_another,
     enter_for_nobody, enter_without_a_card, enter_with_a_damaged_card, link, link_a_folder, nest_a_repository,
     change_code, change_rules, add_a_verification, change_a_verification, take_an_account_in_capitals,
-    enter_with_a_line_break_in_the_account, add_another_file, add_a_name_with_a_line_break, add_many_files,
-    add_a_large_file, add_a_board, change_the_workflow, look_like_his,
+    enter_with_a_line_break_in_the_account, add_another_file, add_a_name_with_a_line_break,
+    add_a_board, change_the_workflow, look_like_his,
 ]  # fmt: skip
 
 

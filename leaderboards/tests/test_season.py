@@ -1,12 +1,10 @@
 import dataclasses
 import datetime
 import json
-from functools import partial
 
 import pytest
 from small_boards import SEASON, card, verifier, verify
 
-from crowdbench.utils import open_executor
 from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import read_board
 from crowdbench_leaderboards.board_runs import CaseSet, InUse
@@ -182,27 +180,3 @@ def test_a_filling_process_goes_on_when_the_others_are_done_too():
         return [Job(name, 1, lambda progress, name=name: make(name, name == "one")) for name in missing]
 
     assert do_all(wanted, "entry")
-
-
-def write_name(folder, name, progress):
-    if name == "used":
-        raise InUse("used is in use")
-    if name == "bad":
-        raise InputError("bad is no planner")
-    (folder / name).touch()
-    progress(1.0)
-
-
-def test_workers_do_all_jobs_and_name_the_first_error(tmp_path):
-    names = ["one", "two", "used"]
-
-    def wanted():
-        return [Job(name, 1, partial(write_name, tmp_path, name)) for name in names if not (tmp_path / name).exists()]
-
-    with open_executor(None, 2, None) as executor:
-        assert not do_all(wanted, "entry", executor)
-        assert [job.title for job in wanted()] == ["used"]
-        names += ["bad", "three"]
-        with pytest.raises(InputError, match=r"^bad is no planner$"):
-            do_all(wanted, "entry", executor)
-    assert (tmp_path / "three").exists()

@@ -1,30 +1,29 @@
-"""The figure of ladders: for each scenario, the mean score with increasing knowledge as points on a line."""
+"""The figure of ladders: the mean scores with increasing knowledge, in a panel for each rung."""
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import help_from_docstring, main, say
-from crowdbench.figures import COLOURS, MARKERS, axes
+from crowdbench.figures import COLOURS, axes
 from studies.pages import read_kept
 
-FIRST = "#888888"
-"""The colour of lines, and of the score of the lowest rung."""
+FIRST, BEST = "as sensed", "best planner"
+"""The titles of the panels of the lowest rung, and of the best planner that ships."""
 
-KNOWLEDGE = dict(
-    zip(
-        ("perception", "inference", "goals", "policies", "attention", "chance", "search"),
-        zip(MARKERS[1:], (*COLOURS[:6], "#444444"), strict=True),
-        strict=True,
-    )
-)
-"""The marker and the colour of a rung, by its additional knowledge over the rung before it."""
+KNOWLEDGE = ("perception", "inference", "goals", "policies", "attention", "chance", "search")
+"""The additional knowledge of each rung over the rung before it."""
+
+COLUMNS = 3
+"""Number of panels side by side."""
+
+BAR, OTHERS = COLOURS[0], "#999999"
+"""The colours of a rung, and of the rung before it and the best planner."""
 
 COMMAND = "python studies/ladder/run.py"
 """The command that writes the files."""
@@ -32,9 +31,9 @@ COMMAND = "python studies/ladder/run.py"
 
 @help_from_docstring
 def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
-    """Draw a line for each scenario: from the score of the lowest rung to that of the others, each with a mark.
+    """Draw a panel for each rung, with a bar for the mean score in each scenario.
 
-    A rung that changes nothing has no mark, and neither have best known scores of a part of the cases.
+    A tick is the score of the rung before. Scenarios without a rung have no bar in its panel.
 
     Args:
         files: Files written by `python studies/ladder/run.py`.
@@ -44,32 +43,36 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
         read_kept(path, COMMAND, ("score", "P0", "mean"), ("best_score", "mean"), ("steps", 0, "knowledge"))
         for path in files
     ]
-    lowest, shown = 1.0, set[str]()
-    with axes(out, height=1.2 + 0.22 * len(found)) as ax:
-        for place, each in enumerate(reversed(found)):
-            rungs, best = each["score"], each["best_score"]["mean"]
-            means = [rung["mean"] for rung in rungs.values() if rung["n"] == rungs["P0"]["n"]]
-            ax.plot([min(means), max(means)], [place, place], color=FIRST, lw=1.6, zorder=2)
-            _mark(ax, means[0], place, "o", FIRST, fillstyle="none")
-            for step, before, after in zip(each["steps"], means, means[1:], strict=False):
-                if after != before:
-                    shown.add(step["knowledge"])
-                    _mark(ax, after, place, *KNOWLEDGE[step["knowledge"]])
-            _mark(ax, best, place + 0.28, 7, "#000000")
-            lowest = min(lowest, *means, best)
-        ax.set_yticks(range(len(found)), [each["scenario"] for each in reversed(found)])
-        ax.set(xlabel="score", xlim=(max(0.0, lowest - lowest % 0.1), 1.015), ylim=(-0.6, len(found) - 0.2))
-        _mark(ax, [], [], "o", FIRST, fillstyle="none", label="as sensed")
-        for name in filter(shown.__contains__, KNOWLEDGE):
-            _mark(ax, [], [], *KNOWLEDGE[name], label="best known" if name == "search" else f"+ {name}")
-        _mark(ax, [], [], 7, "#000000", label="best planner")
-        ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.2, 1.0), columnspacing=1.0, handletextpad=0.2)
+    scenarios = [each["scenario"] for each in found]
+    ladders = [scores_of(each) for each in found]
+    titles = [BEST, FIRST, *(name for name in KNOWLEDGE if any(name in ladder for ladder in ladders))]
+    rows = math.ceil(len(titles) / COLUMNS)
+    with axes(out, height=rows * (0.45 + 0.13 * len(found))) as ax:
+        figure = ax.figure
+        ax.remove()
+        panels = figure.subplots(rows, COLUMNS, sharex=True, sharey=True).ravel()
+        for panel in panels[len(titles) :]:
+            panel.set_axis_off()
+        for title, panel in zip(titles, panels, strict=False):
+            for place, ladder in enumerate(ladders):
+                if title in ladder:
+                    score, before = ladder[title]
+                    panel.barh(place, score, 0.7, color=OTHERS if title == BEST else BAR)
+                    panel.plot([before, before], [place - 0.42, place + 0.42], color="#000000", lw=1.1)
+            panel.set(xlim=(0.0, 1.0), ylim=(len(found) - 0.4, -0.6))
+            added = title not in (BEST, FIRST, "search")
+            panel.set_title("best known" if title == "search" else f"+ {title}" if added else title)
+            panel.set_yticks(range(len(found)), scenarios)
     say(f"wrote {out}")
 
 
-def _mark(ax: Axes, score: Any, place: Any, marker: str | int, colour: str, **options: Any) -> None:
-    """Draw the mark of a rung, or of the best planner, at a mean score."""
-    ax.plot(score, place, ls="", marker=marker, color=colour, ms=5.5, zorder=4, clip_on="label" in options, **options)
+def scores_of(ladder: dict[str, Any]) -> dict[str, tuple[float, float]]:
+    """Return the mean score of each rung by its knowledge, and that of the rung before it."""
+    rungs = [rung["mean"] for rung in ladder["score"].values() if rung["n"] == ladder["score"]["P0"]["n"]]
+    best = ladder["best_score"]["mean"]
+    names = [step["knowledge"] for step in ladder["steps"]]
+    later = {name: (after, before) for name, before, after in zip(names, rungs, rungs[1:], strict=False)}
+    return {BEST: (best, best), FIRST: (rungs[0], rungs[0]), **later}
 
 
 if __name__ == "__main__":

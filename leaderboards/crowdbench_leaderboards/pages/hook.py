@@ -22,12 +22,11 @@ from mkdocs.structure.files import File, Files
 
 from crowdbench import METRICS, InputError
 from crowdbench.metrics import info_of
-from crowdbench.utils import progress
 from crowdbench_leaderboards.board import MEASURED, Board, read_boards
 from crowdbench_leaderboards.entries import read_entries
 from crowdbench_leaderboards.pages import page_tables, ranking, texts
-from crowdbench_leaderboards.pages.failures import write_replay
 from crowdbench_leaderboards.pages.readme import FILLING
+from crowdbench_leaderboards.pages.replay import write_replay
 from crowdbench_leaderboards.pages.standings import Standings, standings
 from crowdbench_leaderboards.season import SEASON, TooEarly, read_season
 
@@ -65,38 +64,33 @@ def on_page_content(content: str, page: Any, **kwargs: Any) -> str:
 
 
 def _pages(boards: Sequence[Board], root: Path) -> Iterator[tuple[str, str | bytes]]:
-    """Yield all pages and replays, by their addresses. Saturated and empty boards come last."""
+    """Yield all pages and replays, by their addresses. Empty boards come last."""
     season = read_season(root) if (root / SEASON).exists() else None
     seeds: dict[str, int] = {}
-    with progress(2 * len(boards), "of the leaderboards") as report:
-        tables = []
-        for board in boards:
-            tables.append(standings(board, read_entries(board, root), season))
-            with contextlib.suppress(TooEarly):
-                seeds |= {board.name: season.seed(board.name)} if season else {}
-            report(1)
-        tables.sort(key=lambda table: (not table.entries, table.is_saturated))
-        yield _page("index.md", {"title": "Leaderboards"}, "index.html", boards=tables, seeds=seeds, season=season)
-        for table in tables:
-            yield from _of_board(table, seeds=seeds, season=season)
-            report(1)
+    for board in boards:
+        with contextlib.suppress(TooEarly):
+            seeds |= {board.name: season.seed(board.name)} if season else {}
+    tables = [standings(board, read_entries(board, root), season) for board in boards]
+    tables.sort(key=lambda table: not table.entries)
+    yield _page("index.md", {"title": "Leaderboards"}, "index.html", boards=tables, seeds=seeds, season=season)
+    for table in tables:
+        yield from _of_board(table, seeds=seeds, season=season)
 
 
 def _of_board(table: Standings, **context: Any) -> Iterator[tuple[str, str | bytes]]:
     """Yield the page of a board, the pages of its entries, and the replay of its public cases."""
     board = table.board
     with tempfile.TemporaryDirectory() as place:
-        failures = write_replay(board, [one.entry for one in table.entries], Path(place) / "replay")
+        problems = write_replay(board, [one.entry for one in table.entries], Path(place) / "replay")
         for path in sorted(Path(place).rglob("*.*")):
             yield f"{board.name}/{path.relative_to(place).as_posix()}", path.read_bytes()
-    context |= {"standings": table, "played": {name for name, found in failures.items() if not found.problem}}
-    cases = [found for is_public in (False, True) if (found := page_tables.case_table(table, is_public))]
+    context |= {"standings": table, "played": {one.name for one in table.entries} - problems.keys()}
     meta = {"title": html.escape(board.spec.title), "search": {"boost": 0.5}}
-    yield _page(f"{board.name}/index.md", meta, "board.html", **context, cases=cases)
+    yield _page(f"{board.name}/index.md", meta, "board.html", **context, found=page_tables.case_table(table))
     for one in table.entries:
         meta = {"title": html.escape(texts.shorten(one.entry.card.title, 60)), "search": {"exclude": True}}
         uri = f"{board.name}/entries/{one.name}.md"
-        yield _page(uri, meta, "entry.html", one=one, failures=failures[one.name], **context)
+        yield _page(uri, meta, "entry.html", one=one, problem=problems.get(one.name, ""), **context)
 
 
 def _page(uri: str, meta: dict[str, Any], template: str, **context: Any) -> tuple[str, str]:

@@ -1,17 +1,14 @@
-"""Tables of the pages: the score on an axis, tests of pairs, and failures by case."""
+"""Tables of the pages: tags, tests of pairs, and failures by case."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from crowdbench import Outcome
-from crowdbench.metrics import Estimate, Pair, mean_over_scenarios
-from crowdbench_leaderboards.board import Board
+from crowdbench.metrics import Pair
 from crowdbench_leaderboards.pages.standings import Standing, Standings
-from crowdbench_leaderboards.pages.standings import outcomes as outcomes_of
 from crowdbench_leaderboards.pages.texts import NOTHING, number
 
 MOST_CASES = 80
@@ -25,34 +22,6 @@ LETTERS = {
     Outcome.WALL_COLLISION: "C",
 }
 """The letter of each outcome; a planner does not start in a scenario that it cannot drive."""
-
-
-def score_axis(table: Standings) -> float:
-    """Return the start of the score axis, which ends at 1. It is the same for all entries of a board."""
-    lows = [one.figures["score"].low for one in table.entries]
-    return min(math.floor(10.0 * min((low for low in lows if math.isfinite(low)), default=0.0)) / 10.0, 0.9)
-
-
-def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
-    """Return a score on an axis from `begin` to 1, in per cent of its length.
-
-    Returns:
-        The start of the interval, the mean, and the length of the interval, which is large enough to be visible.
-    """
-    low, mean, high = (
-        100.0 * min(max((value - begin) / (1.0 - begin), 0.0), 1.0) if math.isfinite(value) else 0.0
-        for value in (estimate.low, estimate.mean, estimate.high)
-    )
-    return low, mean, max(high - low, 1.0)
-
-
-def profile(board: Board, one: Standing) -> dict[str, Estimate]:
-    """Return the mean score of an entry in each family of scenarios."""
-    scores = {name: own.summary(["score"])["score"] for name, own in one.episodes.items()}
-    return {
-        family: mean_over_scenarios(np.full(len(names), 1.0 / len(names)), [scores.get(name) for name in names])
-        for family, names in board.spec.families.items()
-    }
 
 
 TAGS = "reactive learned planning;real-time;privileged"
@@ -98,14 +67,10 @@ def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
     }
 
 
-def case_table(table: Standings, is_public: bool) -> dict[str, Any] | None:
-    """Return the cases in which some entry failed; None without entries that drove them.
+def case_table(table: Standings) -> dict[str, Any] | None:
+    """Return the public cases in which some entry failed; None without entries that drove them.
 
     Pending entries are left out.
-
-    Args:
-        table: The standings.
-        is_public: True for the public cases of all entries, False for the cases of the season.
 
     Returns:
         `groups` are the scenarios with their number of shown cases, `cases` the numbers of these cases, `links` their
@@ -113,20 +78,23 @@ def case_table(table: Standings, is_public: bool) -> dict[str, Any] | None:
         and all entries failed in `by_all`.
     """
     board = table.board
-    entries = [one for one in table.entries if (not one.is_pending if is_public else one.is_measured)]
+    entries = [one for one in table.entries if one.public]
     if not entries:
         return None
-    drawn = board.public_cases if is_public else board.cases
+    drawn = board.public_cases
     per_scenario = len(drawn)
+    undriven = np.full(per_scenario, Outcome.RUNNING)
     outcomes = np.array(
-        [outcomes_of(board, one.public if is_public else one.episodes, per_scenario).ravel() for one in entries]
+        [
+            np.concatenate([one.public[name].outcome if name in one.public else undriven for name in board.scenarios])
+            for one in entries
+        ]
     )
     failures = (outcomes != Outcome.SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
     cases = hardest[np.argsort(hardest // per_scenario, kind="stable")]
     groups = zip(*np.unique(cases // per_scenario, return_counts=True), strict=True)
     return {
-        "is_public": is_public,
         "groups": [(board.scenarios[i], length) for i, length in groups],
         "cases": (cases % per_scenario).tolist(),
         "links": [

@@ -26,13 +26,13 @@ class Candidate:
         name: Its name.
         owner: The account that counts with its best entry; for planners that the maintainers enter, the entry itself.
         score: The score of each case; 0 in scenarios that the planner cannot drive.
-        at_fault: 1 for each collision at fault, 0 elsewhere.
+        at_fault: 1 for each collision at fault, 0 elsewhere, in the scenarios that the planner drives.
     """
 
     name: str
     owner: str
     score: Float[np.ndarray, "scenario case"]
-    at_fault: Float[np.ndarray, "scenario case"]
+    at_fault: Float[np.ndarray, "driven case"]
 
     @property
     def block(self) -> str:
@@ -86,12 +86,10 @@ def rank_all(
                 own_pairs, own_rank = _compare([*rivals, each], weights, blocks_of_time)
                 found.pairs.extend(pair for pair in own_pairs if each.name in (pair.higher, pair.lower))
                 found.rank[each.name] = own_rank[each.name]
-        found.order.extend(sorted(mean, key=lambda name: (*_ends(found.rank[name]), -mean[name], name)))
+        found.order.extend(
+            sorted(mean, key=lambda name: (found.rank[name].first, found.rank[name].last, -mean[name], name))
+        )
     return found
-
-
-def _ends(rank: Rank) -> tuple[int, int]:
-    return rank.first, rank.last
 
 
 def _compare(candidates: Sequence[Candidate], weights: Any, blocks: Any) -> tuple[list[Pair], dict[str, Rank]]:

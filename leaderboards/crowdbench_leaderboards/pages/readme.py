@@ -29,11 +29,10 @@ their pages with replays. [Enter](../docs/boards.md), [rules](../docs/boards_rul
 
 Entries are ranked by [the score](../docs/methods.md#score), in two blocks: A, seldom at fault, and B, often at fault.
 A rank such as "tied, 1st to 3rd" is an interval: the intervals of all entries of a block jointly contain the true ranks
-with a confidence of 95 %. Figures have 95 % intervals. "method" is the mean success over networks that were trained
-with other seeds. "decision" is the 99th percentile of the time of all decisions in the ranked cases, one world at a
-time on one core. Entries marked as "raw" have a tracker of their own. Entries that are "reported only" have no rank:
-their figures are reported by their authors, on the public cases. A "pending" entry was made for other rules, scenarios
-or another simulator.
+with a confidence of 95 %. Figures have 95 % intervals. "decision" is the 99th percentile of the time of all decisions
+in the ranked cases, one world at a time on one core. Entries marked as "raw" have a tracker of their own. Entries that
+are "reported only" have no rank: their figures are reported by their authors, on the public cases. A "pending" entry
+was made for other rules, scenarios or another simulator.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.
@@ -71,7 +70,9 @@ def write_readme(root: Path) -> Path:
 def section(table: Standings) -> str:
     """Return the standings of a board in Markdown."""
     lines = [f"## {table.board.spec.title} (`{table.board.name}`)", "", table.board.spec.description, ""]
-    out = [f"- `{name}` is left out: {shorten(why, 200)}" for name, why in sorted(table.bad.items())]
+    # Names and reasons are of strangers: nothing in them ends the code span.
+    bad = sorted((name.replace("`", "'"), shorten(why, 200).replace("`", "'")) for name, why in table.bad.items())
+    out = [f"- `{name}` is left out: `{why}`" for name, why in bad]
     for name, account in sorted(table.withdrawn.items()):
         out.append(f"- `{name}` was withdrawn by {account or 'the maintainers'} after the freeze")
     if not table.entries:
@@ -85,7 +86,7 @@ def section(table: Standings) -> str:
 
 def _cells(table: Standings, entry: Standing) -> dict[str, str]:
     """Return the cells of an entry, by the headings of the columns of its board."""
-    figures, speed, method = entry.figures, entry.decision_time, entry.method
+    figures, speed = entry.figures, entry.decision_time
     raw = " (raw)" if entry.entry.spec.raw else ""
     cells = {
         "block": entry.block,
@@ -93,11 +94,6 @@ def _cells(table: Standings, entry: Standing) -> dict[str, str]:
         "entry": f"{entry.name}{raw}, {entry.submitter}",
         SCORE.heading: SCORE.estimate(figures["score"]),
     }
-    if table.has_methods:
-        cells["method"] = ""
-        if method:
-            mean = info_of("success_rate").estimate(method.metrics["success_rate"].estimate, with_unit=True)
-            cells["method"] = f"{mean}, {method.networks} networks"
     for metric in table.shown:
         info = info_of(metric)
         cells[info.heading] = info.estimate(figures[metric])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench import Episodes, InputError, Outcome
+from crowdbench import Episodes, InputError
 from crowdbench.metrics import UNDEFINED, Estimate, Pair, Rank
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.entries import BoardEntries
@@ -26,10 +26,10 @@ from crowdbench_leaderboards.verdict import (
     read_verification,
 )
 
-SOCIAL = ("intimate_zone", "imposed_delay", "imposed_delay_positive")
-"""The metrics of social compliance among `SHOWN`."""
-
-SHOWN = ("success_rate", "at_fault_rate", "collision_rate", "sct", "navigation_time", *SOCIAL, "jerk")
+SHOWN = [
+    *("success_rate", "at_fault_rate", "collision_rate", "sct", "navigation_time"),
+    *("intimate_zone", "imposed_delay", "imposed_delay_positive", "jerk"),
+]
 """The metrics that the table of a board shows beside the score."""
 
 PENDING = "Its board has changed since: it must be submitted again."
@@ -115,7 +115,6 @@ class Standings:
 
     Attributes:
         board: The board.
-        season: The name of the season.
         ranked: The ranked entries: block A first, and in a block by rank and score.
         others: The others, by name.
         bad: The reasons of entries that are left out, by name.
@@ -124,7 +123,6 @@ class Standings:
     """
 
     board: Board
-    season: str
     ranked: Sequence[Standing]
     others: Sequence[Standing]
     bad: Mapping[str, str]
@@ -153,12 +151,6 @@ class Standings:
         """True if the method of some entry was measured."""
         return any(entry.method for entry in self.entries)
 
-    @property
-    def is_saturated(self) -> bool:
-        """True if more than half of the ranked entries may be the best one, so that the board separates few entries."""
-        firsts = sum(one.rank is not None and one.rank.first == 1 for one in self.ranked)
-        return 2 * firsts > len(self.ranked) > 2
-
 
 def standings(board: Board, entries: BoardEntries, season: Season | None) -> Standings:
     """Rank the entries of a board.
@@ -181,7 +173,7 @@ def standings(board: Board, entries: BoardEntries, season: Season | None) -> Sta
                 name,
                 one.entry.account or f"maintainers: {name}",
                 one.values(board, "score"),
-                one.values(board, "at_fault_rate"),
+                np.array([own.columns["at_fault_rate"].astype(float) for own in one.episodes.values()]),
             )
             for name, one in candidates.items()
         ],
@@ -193,7 +185,7 @@ def standings(board: Board, entries: BoardEntries, season: Season | None) -> Sta
     present = {one.name for one in every}
     frozen = season.frozen.get(board.name, {}) if season else {}
     withdrawn = {name: each.account for name, each in frozen.items() if name not in present | bad.keys()}
-    return Standings(board, season.spec.name if season else "", ranked, others, bad, withdrawn, ranking.pairs)
+    return Standings(board, ranked, others, bad, withdrawn, ranking.pairs)
 
 
 def blocks_of_time(board: Board, entries: Sequence[Standing]) -> list[Int[np.ndarray, "case"]] | None:
@@ -236,12 +228,6 @@ def _standing(board: Board, entry: Entry, entries: BoardEntries, season: Season 
     )
 
 
-def outcomes(board: Board, episodes: Mapping[str, Episodes], cases: int) -> Int[np.ndarray, "scenario case"]:
-    """Return the outcomes of the cases of each scenario, `RUNNING` where a scenario was not driven."""
-    none = np.full(cases, Outcome.RUNNING, np.int64)
-    return np.array([episodes[name].outcome if name in episodes else none for name in board.scenarios])
-
-
 def _why_unranked(
     board: Board, entry: Entry, season: Season | None, pending: bool, verification: Verification | str
 ) -> tuple[str, str]:
@@ -262,11 +248,10 @@ def _why_unranked(
         return "ablation", "Its authors say that it is a variant made for comparison."
     if pending:
         return "pending", PENDING
+    if season and season.takes_part(board.name, entry.name, entry.digest) and not season.ranks(board.name, entry.name):
+        return "not named", f"Its account named other entries for ranks before the freeze, {MAX_RANKED} at most."
     if isinstance(verification, str):
         return "reported only", REPORTED_ONLY.format(verification)
     if verification.verdict != Verdict.RERUN:
         return str(verification.verdict), verification.reason
-    if season and not season.ranks(board.name, entry.name):
-        named = f"Its account named other entries for ranks before the freeze, {MAX_RANKED} at most."
-        return "not named", named
     return "", ""

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from collections.abc import Mapping
-from typing import Any
 from urllib.parse import quote, urlsplit
 
 from crowdbench.metrics import info_of
@@ -45,11 +42,6 @@ def metric(value: float | None, name: str) -> str:
     return number(None if value is None else info.factor * value, info.places)
 
 
-def milliseconds(value: float) -> str:
-    """Return a time with two or three significant digits."""
-    return number(value, 0 if value >= 99.5 else 1 if value >= 9.95 else 2)
-
-
 def sortable(value: float | None) -> str:
     """Return a number for the sorting script; empty if it is undefined."""
     return "" if value is None or not math.isfinite(value) else f"{value:.9g}"
@@ -82,13 +74,8 @@ def web_address(text: str) -> str:
     return text if parts.scheme in ("http", "https") and parts.hostname and " " not in text else ""
 
 
-def options_text(options: Mapping[str, Any]) -> str:
-    """Return the options of a planner as JSON."""
-    return json.dumps(options, sort_keys=True, ensure_ascii=False)
-
-
 COMPLIANCE = ("at_fault_rate", "intimate_zone", "imposed_delay", "imposed_delay_positive", "jerk")
 """The metrics of social compliance, which are shown with their intervals."""
 
-FILTERS = number, metric, milliseconds, sortable, shorten, web_address, options_text
+FILTERS = number, metric, sortable, shorten, web_address
 """Filters of the templates, by the names of the functions."""

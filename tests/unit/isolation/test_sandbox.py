@@ -113,7 +113,8 @@ return Probe(pipe=first.recv(), loop=asyncio.run(answer()))
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root has files that nobody may read")
 def test_root_is_told_which_file_planners_may_not_read(tmp_path):
-    table = tmp_path / "table.txt"
+    table = tmp_path / "tables" / "table.txt"
+    table.parent.mkdir()
     table.write_text("three")
     table.chmod(0o600)
     with pytest.raises(
