@@ -50,7 +50,8 @@ class Finding:
     @property
     def runs(self) -> list[Run]:
         """All runs that it needs."""
-        return [run for each in (*self.sweeps, *self.pairs) for run in each.runs]
+        swept = [run for sweep in self.sweeps for run in sweep.runs]
+        return swept + [run for pair in self.pairs for run in pair.runs]
 
     def fill(self, out: Path) -> FilledFinding:
         """Return the finding with its figures, from the runs in the folder `out`."""

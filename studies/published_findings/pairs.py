@@ -86,9 +86,9 @@ class Pair:
 
     def fill(self, out: Path) -> list[Assessment]:
         """Return the claims with their figures, from the runs in the folder `out`."""
-        sides = [[read_episodes(run, out) for run in runs] for runs in (self.row, self.than)]
+        row, than = ([read_episodes(run, out) for run in runs] for runs in (self.row, self.than))
         is_paired = self.spec.row.weights == self.spec.than.weights
-        return [assess(claim, *sides, is_paired) for claim in self.spec.claims]
+        return [assess(claim, row, than, is_paired) for claim in self.spec.claims]
 
 
 def assess(claim: PairClaimSpec, row: list[Episodes], than: list[Episodes], is_paired: bool) -> Assessment:

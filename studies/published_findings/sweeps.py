@@ -74,7 +74,7 @@ class Sweep:
     def _grid(self, rates: Float[np.ndarray, "planner level"], levels: Float[np.ndarray, "level"]) -> Grid:
         """Return the table of success rates, with the rank correlation of each planner."""
         rows = [
-            [each.planner, *map(SUCCESS.number, row), CORRELATION.number(rank_correlation(row, levels))]
+            [each.planner, *map(SUCCESS.number, row), CORRELATION.number(float(rank_correlation(row, levels)))]
             for each, row in zip(self.spec.planners, rates, strict=True)
         ]
         header = ["planner", *(f"{level:g}" for level in levels), "rank correlation"]

@@ -74,7 +74,7 @@ def find_groups(
     connected = norm(position[:, :, None] - position[:, None]) < NEIGHBOURS
     connected &= seen[:, :, None] & seen[:, None]
     for _ in range(int(np.ceil(np.log2(position.shape[1])))):
-        connected = (connected[:, :, :, None] & connected[:, None]).any(axis=2)
+        connected = connected @ connected
     return connected
 
 
