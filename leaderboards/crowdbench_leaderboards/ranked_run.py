@@ -201,7 +201,8 @@ def read_ranked(task: RankedTask) -> RankedRun:
     if failed or len(rows) < len(task.case_set.cases):
         return RankedRun(None, seconds, planner, failed or "its ranked run is not finished")
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "seconds"}
-    case, labels, steps, block = (columns.pop(name, None) for name in ("case", "outcome", "steps", "block"))
+    case, labels, steps = (columns.pop(name) for name in ("case", "outcome", "steps"))
+    block = columns.pop("block", None)
     outcome = np.array([Outcome[label.upper()] for label in labels], np.int64)
     return RankedRun(Episodes(case, outcome, steps, columns, block), seconds, planner, "")
 
