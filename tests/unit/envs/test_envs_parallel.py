@@ -77,7 +77,7 @@ def test_an_unknown_render_mode_is_refused(mode):
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_observations_lie_in_their_finite_space(name):
     env = parallel_env(name)
-    space = env.observation_space("vehicle")
+    space = env.observation_space(env.possible_agents[0])
     assert np.isfinite(space.low).all()
     assert np.isfinite(space.high).all()
     observations, _ = env.reset(options={"case": "val/3"})
