@@ -291,7 +291,7 @@ def compare(columns, row, found):
             assert measured == pytest.approx(float(value), abs=TOLERANCE.get(name, 2e-4), nan_ok=True), (name, row)
 
 
-@pytest.mark.parametrize("run", [pytest.param("seen", marks=pytest.mark.slow), "unseen", "stops"])
+@pytest.mark.parametrize("run", [*(pytest.param(run, marks=pytest.mark.slow) for run in ("seen", "stops")), "unseen"])
 def test_metrics_are_those_of_the_tracks(run, request):
     columns, episodes, rewards = request.getfixturevalue(run)
     names, outcomes = set(), set()

@@ -49,6 +49,7 @@ def same(a, b, rows_a, rows_b, *names):
 OWN = ("outcome", "steps", "heading", "command", "gap")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overrides", [{}, WHEELS], ids=["holonomic", "wheels"])
 def test_vehicles_out_of_range_have_the_bits_of_each_alone(monkeypatch, overrides):
     sensing = {"sensor.range": 8.0, "sensor.missed": 0.1, "sensor.noise.position": 0.1}
