@@ -24,6 +24,7 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.train.config import split_names
 from crowdbench.train.training import Point, Training
 from crowdbench.utils.defaults import BATCH
+from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import plain
 
 VALIDATION_CASES = Cases("val", 0, 200)
@@ -63,6 +64,9 @@ class DrivingTraining(Training):
         self.also_train_in = [load_scenario(name, data=data) for name in split_names(config.beside)]
         if not any(scenario.tracks for scenario in (self.scenario, *validation, *self.also_train_in)):
             self.scenario.check_data(data)
+        for scenario in (self.scenario, *validation, *self.also_train_in):
+            if scenario.rules.vehicles > 1:
+                raise InputError(f"{scenario.name} has {scenario.rules.vehicles} vehicles, but a training drives one")
         self.validated = nn.ModuleList()
         splits = ["validation", "test"] if config.card == "test" else ["validation"]
         self.card_cases = {split: CARD_CASES[split] for split in splits}
