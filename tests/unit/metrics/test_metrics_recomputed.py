@@ -332,6 +332,7 @@ def test_distances_from_walls_are_those_of_the_tracks_and_walls(tmp_path):
         assert episodes.columns["wall_collision_rate"][row] == (gap < 0.0)
 
 
+@pytest.mark.slow
 def test_intrusions_into_groups_are_those_of_the_hulls_of_their_members():
     trace = drive("straight", "val:12", "groups_12")
     found = METRICS["group_intrusion"](trace)

@@ -104,6 +104,7 @@ def test_a_recorded_robot_above_its_stated_speed_has_a_score_of_1_at_most():
     assert value("score", trace(np.stack([way, way + FAR], axis=1), goal=[[4.0, 0.0], FAR])) == 1.0
 
 
+@pytest.mark.slow
 def test_an_episode_has_the_same_score_alone_and_in_a_batch():
     together, alone = drive("orca_margin", "6", "door_10"), drive("orca_margin", "4:5", "door_10")
     for name in ("score", "t_close", "t_empty"):

@@ -131,6 +131,7 @@ def test_an_episode_begins_without_a_memory_and_steps_at_once_are_steps_one_by_o
     assert (kept - before).abs().max() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("network", POLICIES)
 def test_an_episode_is_the_same_alone_and_in_company(network):
     torch.manual_seed(0)

@@ -14,6 +14,7 @@ from crowdbench.utils.errors import InputError
 OBJECTIVE = Objective(heading=2.0, clearance=3.0, room=0.5, speed=0.25, free=0.4, margin=0.1)
 
 
+@pytest.mark.slow
 def test_a_command_is_as_good_as_its_progress_the_time_until_it_touches_its_room_and_its_speed():
     obs = lone_vehicle()
     obs.pedestrians.position[:] = [0.0, 0.9]
