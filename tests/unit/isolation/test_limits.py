@@ -55,7 +55,8 @@ def test_memory_is_counted_wherever_it_lies(where, tmp_path):
         made(tmp_path, HOARDS[where], ResourceLimits(memory=4e8)),
     ):
         pytest.fail("it took too much")
-    assert str(error.value)[13:].startswith((" took 0.4 ", " took 0.5 ", " took 0.6 "))  # later on a busy machine
+    taken = float(str(error.value).split(" took ")[1].split()[0])
+    assert 0.4 <= taken <= 0.8  # memory is counted several times per second, on a busy machine less often
 
 
 HIDDEN = {
