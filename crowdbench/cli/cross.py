@@ -50,6 +50,7 @@ def cross(
         picture: A file for a picture of the matrix: .pdf, .svg or .png.
     """
     use_threads(threads)
+    from crowdbench.catalog import load_scenario
     from crowdbench.results.run_result import RunResult
     from crowdbench.runs.folder import make_in_folder, run_directory
     from crowdbench.runs.loading import load_run
@@ -58,6 +59,8 @@ def cross(
 
     if len(set(planners)) < max(2, len(planners)):
         raise InputError(f"the planners are {', '.join(planners)}, but must be two or more different ones")
+    if load_scenario(scenario).rules.vehicles == 1:
+        raise InputError(f"{scenario} has one vehicle, but planners meet in a scenario with several, such as fleet_4")
     announce_compilation()
     runs: dict[str, dict[str, RunResult]] = {planner: {} for planner in planners}
     message = f"finished batches are kept in {out}, with which the same command goes on"

@@ -96,6 +96,8 @@ def test_wrong_teams_get_one_sentence(call, tmp_path):
     done = call("run", "--planner", "orca", "--others", "orca", "--cases", "1", "--out", str(tmp_path / "a"))
     assert done.returncode != 0
     assert "circle_crossing_5 has one vehicle" in done.stderr
+    done = call("cross", "orca", "straight", "--scenario", "circle_20")
+    assert done.stderr.startswith("crowdbench: circle_20 has one vehicle, but planners meet in a scenario with several")
     done = call("cross", "orca")
     assert done.returncode != 0
     assert "two or more different ones" in done.stderr
