@@ -60,8 +60,8 @@ def _fault(share: float) -> str:
     """Return the end of a sentence on the fault, from the vehicle's share of the approach."""
     if math.isnan(share):
         return "the fault is undetermined, because both hardly moved."
-    counts = f"it made {math.floor(100.0 * share + 1e-9)} % of the approach ({100.0 * SMALL_SHARE:g} % or more counts)."
-    return f"the vehicle is {'' if share >= SMALL_SHARE else 'not '}at fault, {counts}"
+    made = f"it made {math.floor(100.0 * share + 1e-9)} % of the approach ({100.0 * SMALL_SHARE:g} % or more counts)."
+    return f"the vehicle is {'' if share >= SMALL_SHARE else 'not '}at fault, because {made}"
 
 
 def _nearest(trace: Trace, row: int) -> str:

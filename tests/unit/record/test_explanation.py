@@ -30,7 +30,7 @@ def head_on(outcome=Outcome.COLLISION):
 
 def test_a_collision_names_whom_when_and_whose_fault():
     first, expected, done = describe_failure(head_on(), 0)
-    fault = "the vehicle is at fault, it made 50 % of the approach (10 % or more counts)."
+    fault = "the vehicle is at fault, because it made 50 % of the approach (10 % or more counts)."
     assert first == f"Collision with pedestrian 1 at 2 s: {fault}"
     assert expected == "Contact was predictable at constant velocity a second earlier."
     assert "pedestrian 1 turned by 0° and went from 1.0 to 1.0 m/s, the vehicle from 1.0 to 1.0 m/s" in done
@@ -70,9 +70,9 @@ def test_a_pedestrian_that_was_seen_late_is_said_to_be():
 @pytest.mark.parametrize(
     ("share", "said"),
     [
-        (0.0999, "the vehicle is not at fault, it made 9 % of the approach (10 % or more counts)."),
-        (0.1, "the vehicle is at fault, it made 10 % of the approach (10 % or more counts)."),
-        (1.0, "the vehicle is at fault, it made 100 % of the approach (10 % or more counts)."),
+        (0.0999, "the vehicle is not at fault, because it made 9 % of the approach (10 % or more counts)."),
+        (0.1, "the vehicle is at fault, because it made 10 % of the approach (10 % or more counts)."),
+        (1.0, "the vehicle is at fault, because it made 100 % of the approach (10 % or more counts)."),
         (np.nan, "the fault is undetermined, because both hardly moved."),
     ],
 )
