@@ -8,7 +8,7 @@ from pathlib import Path
 import noticing_page
 
 from crowdbench.catalog import load_scenario
-from crowdbench.export.replay_page import PAGE, export_page
+from crowdbench.export.replay_page import export_page
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.loading import load_run
 from crowdbench.runs.make import make_run
@@ -38,9 +38,7 @@ def files() -> dict[str, bytes]:
                 report(1)
         page = Path(place) / FOLDER
         page.mkdir()
-        export_page(runs, lambda run: load_scenario(run.directory.name), page)
-        index = page / PAGE
-        index.write_text(index.read_text().replace("<header>", '<header>\n  <a href="../suite.html">crowdbench</a>'))
+        export_page(runs, lambda run: load_scenario(run.directory.name), page, back=("../suite.html", "The suite"))
         return {path.relative_to(place).as_posix(): path.read_bytes() for path in sorted(page.rglob("*.*"))}
 
 

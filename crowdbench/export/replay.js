@@ -4,12 +4,12 @@
 const replay = (() => {
   const MOST = 4; // planners side by side
   const BEFORE = 3; // seconds before its end at which a failure is shown
-  const ENDS = { s: ["✓", "reaches its goal"], c: ["✗", "collision"], w: ["✗", "hits an obstacle"], t: ["◷", "out of time"] };
+  const ENDS = { s: ["✓", "success"], c: ["✗", "collision"], w: ["✗", "hits an obstacle"], t: ["◷", "out of time"] };
   const DIGITS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
   const $ = id => document.getElementById(id);
-  const data = {}, waiting = {};
+  const data = {}, waiting = {}, played = new Set(); // episodes that have been played to their end
   let index, colors, scenario, name, number, chosen = [], episodes = {}, obstacles = [];
-  let box, time = 0, end = 0, playing = 0, before, dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  let box, time = 0, end = 0, playing = 0, before, areShown = false, dark = matchMedia("(prefers-color-scheme: dark)").matches;
 
   // Data, which are scripts, as a page of a file system can read nothing else.
 
@@ -67,6 +67,9 @@ const replay = (() => {
   // Which case is shown: #door_10/val/3/mppi,orca@6.25, or with a board before the scenario.
 
   const ending = (planner, which) => scenario.runs[planner].outcomes[scenario.runs[planner].names.indexOf(which)] ?? "";
+  const keyOf = (planner, which) => `${name}/${which}/${planner}`;
+  const isKnown = (planner, which) => areShown || played.has(keyOf(planner, which));
+  const sign = (planner, which) => isKnown(planner, which) ? ENDS[ending(planner, which)]?.[0] ?? "" : "";
   const fails = which => chosen.some(planner => "cwt".includes(ending(planner, which) || "s"));
   const link = () => `#${name}/${number}/${chosen}${time ? `@${+time.toFixed(2)}` : ""}`;
 
@@ -105,43 +108,61 @@ const replay = (() => {
   }
 
   function fill() {
-    const planners = Object.keys(scenario.runs);
-    const signs = which => planners.length > 8 ? "" : planners.map(planner => ENDS[ending(planner, which)]?.[0] ?? "·").join("");
     $("scenario").value = name;
     $("about").textContent = scenario.description;
-    $("case").replaceChildren(...scenario.cases.map(which => element("option", { value: which }, `${which} ${signs(which)}`)));
+    $("case").replaceChildren(...scenario.cases.map(value => element("option", { value })));
+  }
+
+  function tell() { // outcomes, of episodes that have been played, or of all
+    const planners = Object.keys(scenario.runs);
+    for (const option of $("case").children) {
+      const signs = planners.length > 8 ? "" : planners.map(planner => sign(planner, option.value)).join("");
+      option.textContent = `${option.value} ${signs}`;
+    }
+    [...$("planners").children].forEach((button, k) => { button.textContent = `${planners[k]} ${sign(planners[k], number)}`; });
+    for (const each of document.querySelectorAll("#verdicts > div, #ends > span")) each.classList.toggle("unknown", !isKnown(each.dataset.planner, number));
+    $("outcomes").setAttribute("aria-pressed", areShown);
+    overview();
   }
 
   function arrange() {
     document.title = `${name}, case ${number} · crowdbench replay`;
     history.replaceState(null, "", link());
     $("case").value = number;
+    const focus = [...$("planners").children].indexOf(document.activeElement);
     $("planners").replaceChildren(...Object.entries(scenario.runs).map(([planner, { label }]) => {
-      const [sign] = ENDS[ending(planner, number)] ?? [""], others = chosen.filter(other => other !== planner);
+      const others = chosen.filter(other => other !== planner);
       const wish = others.length < chosen.length ? others : [...others.slice(1 - MOST), planner];
       const onclick = () => { if (wish.length) show(name, number, wish, time); };
-      const made = element("button", { title: label, disabled: !sign, onclick }, `${planner} ${sign}`);
+      const made = element("button", { title: label, disabled: !ending(planner, number), onclick });
       made.setAttribute("aria-pressed", chosen.includes(planner));
       return made;
     }));
+    $("planners").children[focus]?.focus();
     $("panels").replaceChildren(...chosen.map(planner => {
       const canvas = element("canvas", { role: "img" }), caption = element("span", {});
       Object.assign(episodes[planner], { canvas, caption });
-      return element("figure", {}, element("figcaption", {}, element("span", {}, planner), caption), canvas);
+      return element("figure", {}, element("figcaption", {}, element("span", {}, ...planner.split(/(?<=_)/).flatMap(part => [part, element("wbr")])), caption), canvas);
     }));
-    $("verdicts").replaceChildren(...chosen.filter(planner => episodes[planner].verdict.length).map(planner => {
-      const { verdict: [first, ...more], end: last } = episodes[planner];
+    $("verdicts").replaceChildren(...chosen.map(planner => {
+      const { verdict: [first, ...more], end: last, outcome } = episodes[planner];
       const onclick = () => { time = Math.max(0, last - BEFORE); play(true); };
       const details = element("details", { ontoggle: fit }, element("summary", {}, "Details"), ...more.map(text => element("p", {}, text)));
-      return element("div", { className: "verdict" }, element("div", {}, element("p", {}, `${planner}: ${first}`), details), element("button", { onclick }, `▶ Last ${BEFORE} s`));
+      const told = first ? [element("p", {}, `${planner}: ${first}`), details] : [element("p", {}, `${planner}: Success after ${+last.toFixed(2)} s.`)];
+      const verdict = element("div", { className: `verdict ${outcome}` }, element("div", {}, ...told), ...first ? [element("button", { onclick }, `▶ Last ${BEFORE} s`)] : []);
+      verdict.append(element("p", { className: "wait quiet" }, `${planner}: the verdict follows at the end.`));
+      verdict.dataset.planner = planner;
+      return verdict;
     }));
     $("ends").replaceChildren(...chosen.map(planner => {
       const { outcome, end: last } = episodes[planner], made = element("span", { className: outcome }, ENDS[outcome][0]);
+      made.dataset.planner = planner;
       made.style.left = `${100 * last / end}%`;
       return made;
     }));
     Object.assign($("time"), { max: end, step: scenario.dt / 5 });
     explain();
+    tell();
     fit();
   }
 
@@ -159,7 +180,7 @@ const replay = (() => {
     const keys = { vehicle: "vehicle, its goal", pedestrian: "pedestrian" };
     if (stays.some(stay => stay.seen.includes(false))) keys.unseen = "not seen by the vehicle";
     if (stays.some(stay => stay.noticed.includes(true))) keys.noticed = "has noticed the vehicle";
-    if (all.some(episode => "cw".includes(episode.outcome))) keys.contact = "contact";
+    keys.contact = "contact";
     const choices = { numbers: "numbers" };
     for (const kind of index.paths) if (all.some(({ planned }) => planned.some(paths => paths[kind].length))) choices[kind] = kind === "measured" ? "measured or remembered" : `${kind} paths`;
     const toggle = ([value, text]) => {
@@ -175,6 +196,10 @@ const replay = (() => {
     const pen = resize(canvas, width, chosen.length * row);
     chosen.forEach((planner, line) => cases.forEach((which, k) => {
       const outcome = ending(planner, which), rect = [k * cell, line * row, cell - space, row - 1.5];
+      if (outcome && !isKnown(planner, which)) {
+        pen.fillStyle = colors.line;
+        return pen.fillRect(k * cell, (line + 0.5) * row - 1.5, cell - space, 1.5);
+      }
       pen.fillStyle = colors[{ s: "faint", c: "contact", w: "contact", t: "quiet" }[outcome]] ?? "transparent";
       pen.fillRect(...rect);
     }));
@@ -205,7 +230,7 @@ const replay = (() => {
       $("stage").classList.toggle("beside", isBeside);
       const below = heightOf("transport") + heightOf("legend") + (isBeside ? 0 : heightOf("verdicts"));
       const room = innerWidth < 640 ? innerHeight - heightOf("transport") : Math.max(innerHeight - $("panels").offsetTop - below, 320);
-      return Math.min((($("panels").clientWidth + 10) / columns - 10) / wide, (room / Math.ceil(all.length / columns) - 44) / high);
+      return Math.min((($("panels").clientWidth + 10) / columns - 10) / wide, (room / Math.ceil(all.length / columns) - 62) / high);
     };
     const ways = counts.flatMap(columns => [[columns, false], ...innerWidth > 1000 ? [[columns, true]] : []]).map(way => [scaleOf(...way), ...way]);
     const [best, columns, isBeside] = ways.reduce((a, b) => b[0] > a[0] + 1e-9 ? b : a), scale = Math.max(best, 8);
@@ -292,7 +317,7 @@ const replay = (() => {
     if (state >= steps && "cw".includes(outcome)) burst(pen, here.filter(({ agent }) => agent === 0 || agent === hit).map(stay => [...place(stay), stay.radius]), 2.5 * pixel);
     pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     Object.assign(pen, { fillStyle: colors.text, strokeStyle: colors.background, lineWidth: 3, font: "600 12px system-ui, sans-serif" });
-    for (const stay of here.filter(({ agent }) => agent && (agent === hit || isShown("numbers")))) {
+    for (const stay of here.filter(({ agent }) => agent && (agent === hit && isKnown(planner, number) || isShown("numbers")))) {
       const [x, y] = place(stay), at = [stay.agent - 1, (x + 0.7 * stay.radius - left) * scale + 2, (top - y + 0.7 * stay.radius) * scale + 8];
       pen.strokeText(...at);
       pen.fillText(...at);
@@ -310,6 +335,9 @@ const replay = (() => {
 
   function draw() {
     chosen.forEach(paint);
+    const ended = chosen.filter(planner => time >= episodes[planner].end - 1e-9 && !played.has(keyOf(planner, number)));
+    for (const planner of ended) played.add(keyOf(planner, number));
+    if (ended.length) tell();
     $("time").value = time;
     $("clock").textContent = `${time.toFixed(2)} s`;
     $("time").setAttribute("aria-valuetext", $("clock").textContent);
@@ -350,13 +378,13 @@ const replay = (() => {
   };
   const KEYS = {
     " ": () => play(!playing), ArrowLeft: () => step(-1), ArrowRight: () => step(1), Home: () => seek(0), End: () => seek(end),
-    n: () => move(1), p: () => move(-1), f: nextFailure, j: () => $("verdicts").querySelector("button")?.click(),
+    n: () => move(1), p: () => move(-1), f: nextFailure, o: () => $("outcomes").click(), j: () => $("verdicts").querySelector("button")?.click(),
   };
 
   function dress() {
     const mix = part => `color-mix(in srgb, ${palette.text} ${part}%, ${palette.background})`, palette = { ...index.palette[dark ? "dark" : "light"] };
     for (const role in palette) palette[role] = `rgb(${palette[role]})`;
-    colors = { ...palette, page: mix(4), line: mix(25), quiet: dark ? "#a9adb6" : "#66666a" };
+    colors = { ...palette, page: mix(4), line: mix(25), quiet: dark ? "#a9adb6" : "#5f5f63" };
     for (const [role, color] of Object.entries(colors)) document.documentElement.style.setProperty(`--${role}`, color);
     document.documentElement.style.colorScheme = dark ? "dark" : "light";
   }
@@ -376,6 +404,7 @@ const replay = (() => {
       each.cases = [...new Set(Object.values(each.runs).flatMap(run => run.names))];
     }
     $("scenario").append(...Object.keys(index.scenarios).map(value => element("option", { value }, value)));
+    if (index.back) $("back").replaceChildren(element("a", { href: index.back[0] }, `‹ ${index.back[1]}`));
     dress();
     await follow();
     addEventListener("hashchange", follow);
@@ -387,6 +416,7 @@ const replay = (() => {
       action();
     });
     Object.entries({ previous: () => move(-1), next: () => move(1), failure: nextFailure, play: () => play(!playing) }).forEach(([id, onclick]) => { $(id).onclick = onclick; });
+    $("outcomes").onclick = () => { areShown = !areShown; tell(); };
     $("scenario").onchange = event => show(event.target.value, "", chosen);
     $("case").onchange = event => turn(event.target.value);
     $("time").oninput = event => seek(+event.target.value);

@@ -62,7 +62,13 @@ def pack(*arrays: ArrayLike) -> str:
     return _DIGITS[digits[np.insert(follows, 0, True, axis=1)]].tobytes().decode()
 
 
-def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress: Progress | None = None) -> int:
+def export_page(
+    runs: Sequence[RunResult],
+    load: Loader,
+    folder: Path,
+    progress: Progress | None = None,
+    back: tuple[str, str] | None = None,
+) -> int:
     """Write a page that plays the cases of runs.
 
     Args:
@@ -70,6 +76,7 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
         load: Loads the scenario of a simulated run.
         folder: An empty folder.
         progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
+        back: Address, from the folder, and title of a page to which the page has a link.
 
     Returns:
         The number of cases.
@@ -110,6 +117,7 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
         "quantum": QUANTUM,
         "coarse": COARSE,
         "paths": (*PlannedPaths._fields, "measured"),
+        "back": back,
     }
     for key, data in itertools.chain([("index", constants | {"scenarios": scenarios})], files.items()):
         path = folder / "data" / f"{key}.js"

@@ -8,6 +8,7 @@ import functools
 import math
 import shutil
 import subprocess
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +28,7 @@ from crowdbench.drawing import (
     Line,
     Moment,
     Shape,
+    Text,
     agent_name,
     draw_bands,
     draw_moment,
@@ -37,6 +39,7 @@ from crowdbench.envs.render import rasterize
 from crowdbench.figures.style import canvas, check_file, draw_panel
 from crowdbench.figures.time_marks import mark_times
 from crowdbench.record.decisions import PlannedPaths
+from crowdbench.record.explanation import describe_failure
 from crowdbench.record.recorded_cases import read_recorded
 from crowdbench.results.episodes import RECORDING
 from crowdbench.results.run_result import RunResult
@@ -66,8 +69,11 @@ WIDE = 3.0
 RATE = 20
 """Pictures of a film per second."""
 
-HOLD = 2 * RATE
+HOLD = 3 * RATE
 """Number of pictures that show the end of a film."""
+
+LINE = 0.15
+"""Height in inches of a line of a verdict below a film."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +128,13 @@ class Episode:
         hit = [agent_name(agent, moment.rules) for agent in moment.hit]
         failure = " and ".join(hit) or outcome.label.replace("_", " ")
         return f"\N{BALLOT X} {failure}, {seconds}", LIGHT.contact
+
+    @functools.cached_property
+    def verdict(self) -> list[str]:
+        """The first sentence of the verdict on a failure, as lines that are as wide as the picture."""
+        (low, high), inch = self.picture(0.0)[1:]
+        sentences = describe_failure(self.trace, self.row)
+        return textwrap.wrap(sentences[0], int(17.0 * (high - low)[0] / inch)) if sentences else []
 
     def bounds(self, centre: Float[np.ndarray, "2"] | None = None) -> Float[np.ndarray, "2 2"]:
         """Return the smallest and the largest x and y of the shown part of the plane.
@@ -325,11 +338,22 @@ def _frames(episodes: Sequence[Episode], dpi: int, speed: float) -> Iterator[Ima
         yield _frame(episodes, step, dpi)
 
 
+def _add_verdict(episode: Episode, step: float, lines: int) -> Picture:
+    """Return a picture of a time with room for some lines below, where the verdict on a failure follows at its end."""
+    shapes, (low, high), inch = episode.picture(step)
+    line = np.array([0.0, LINE * inch])
+    if step >= episode.end:
+        start = low + np.array([0.06 * inch, 0.0])
+        shapes += [Text(start - (k + 0.5) * line, text, LIGHT.contact, "l") for k, text in enumerate(episode.verdict)]
+    return shapes, np.stack([low - lines * line, high]), inch
+
+
 def _frame(episodes: Sequence[Episode], step: float, dpi: int) -> Image:
     """Return a picture of a film, at a time in steps: a panel for each episode."""
     from PIL import Image as Images
 
-    panels = [rasterize(*episode.picture(step), dpi) for episode in episodes]
+    lines = max(len(episode.verdict) for episode in episodes)
+    panels = [rasterize(*_add_verdict(episode, step, lines), dpi) for episode in episodes]
     columns = count_columns(len(episodes))
     width, height = (np.max([panel.size for panel in panels], axis=0) + dpi // 18).tolist()  # apart from each other
     frame = Images.new("RGB", (width * columns, height * math.ceil(len(panels) / columns)), LIGHT.background)

@@ -14,11 +14,12 @@ from typer.testing import CliRunner
 from crowdbench.catalog import load_scenario
 from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
-from crowdbench.drawing import APART, CIRCLE, LIGHT, MEASURED, Disc, Line, Moment, Polygon, draw_moment
-from crowdbench.envs.render import rasterize
-from crowdbench.figures.episode_figure import FILMS, HOLD, RATE, Episode
+from crowdbench.drawing import APART, CIRCLE, LIGHT, MEASURED, Disc, Line, Moment, Polygon, Text, draw_moment
+from crowdbench.figures import episode_figure
+from crowdbench.figures.episode_figure import FILMS, HOLD, RATE, SIDE, Episode
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
+from crowdbench.record.explanation import describe_failure
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -151,14 +152,27 @@ def test_a_film_for_talks_has_all_pictures_in_their_colours(driven, tmp_path):
     film = tmp_path / "a.mp4"
     assert CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(film)]).exit_code == 0
     episode = Episode(stored_trace(driven), 1)
-    last = rasterize(*episode.picture(float(episode.end)), FILMS[".mp4"])
-    width, height = (2 * math.ceil((side + FILMS[".mp4"] // 18) / 2) for side in last.size)
+    last = episode_figure._frame([episode], float(episode.end), FILMS[".mp4"])
+    width, height = (2 * math.ceil(side / 2) for side in last.size)
     decode = ["ffmpeg", "-loglevel", "error", "-i", str(film), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     content = subprocess.run(decode, check=True, stdout=subprocess.PIPE).stdout
     pictures = np.frombuffer(content, np.uint8).reshape(-1, height, width, 3)
     assert len(pictures) == math.ceil(RATE * episode.trace.rules.dt * episode.end) + HOLD
     assert np.abs(pictures[-1, : last.height, : last.width] - np.asarray(last, float)).mean() < 2.0
-    assert pictures[-1, last.height :].min() > 245  # the rim that makes sizes even
+    assert pictures[-1, -FILMS[".mp4"] // 20 :].min() > 245  # the rim
+
+
+def test_a_film_ends_with_the_verdict_that_the_terminal_prints(driven):
+    episode = Episode(stored_trace(driven), 1)
+    sentence = describe_failure(episode.trace, 1)[0]
+
+    def said(step):
+        shapes, *_ = episode_figure._add_verdict(episode, step, 3)
+        return " ".join(shape.text for shape in shapes if isinstance(shape, Text))
+
+    assert " ".join(episode.verdict) == sentence
+    assert sentence in said(float(episode.end))
+    assert sentence not in said(episode.end - 1.0)
 
 
 @pytest.mark.slow
@@ -177,7 +191,7 @@ def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
         assert [word for word in said if word[0] == mark and word.endswith(f" {trace.steps[1] * trace.rules.dt:g} s")]
     assert said.count("1 m") == 2
     with Image.open(film) as shown:
-        assert shown.width > shown.height
+        assert shown.width > SIDE * FILMS[".gif"]
     elsewhere = ["--planner", "orca", "--cases", "2", "--set", "pedestrians.number=3", "--record", "all"]
     assert CliRunner().invoke(app, ["run", *elsewhere, "--out", str(tmp_path / "three")]).exit_code == 0
     for more, sentence in (

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
-from crowdbench.export.replay_page import COARSE, PAGE, QUANTUM
+from crowdbench.export.replay_page import COARSE, PAGE, QUANTUM, export_page
 from crowdbench.record.recorded_cases import read_recorded
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.loading import load_run, load_stored_scenario
@@ -191,12 +191,57 @@ def test_a_failure_has_a_verdict_and_a_button_that_leads_to_it(runs, visit):
     page.keyboard.press("f")
     page.wait_for_function(f"document.title.includes('val/{failed} ')")
     end = episodes.steps[failed] * 0.25
-    assert f"at {end:g} s" in page.locator(".verdict").inner_text()
     page.keyboard.press("j")
     page.keyboard.press(" ")
     assert end - 3 <= float(page.locator("#time").input_value()) < end
     page.keyboard.press("End")
     assert page.locator("figcaption .c").inner_text() == f"✗ collision, {end:.2f} s"
+    assert f"at {end:g} s" in page.locator(".verdict").inner_text()
+
+
+def test_outcomes_are_hidden_until_an_episode_has_been_played(runs, visit):
+    failed = runs[0][0].episodes.failures["collision"][0]
+    page = visit(f"#suite/door_10/val/{failed}/orca@1")
+    body, verdict = page.locator("body"), page.locator(".verdict")
+    assert not re.search("[✓✗◷]", body.inner_text())
+    assert verdict.inner_text() == "orca: the verdict follows at the end."
+    page.keyboard.press("End")
+    assert verdict.inner_text().startswith("orca: Collision with ")
+    assert page.locator("#case option:checked").inner_text() == f"val/{failed} ✗"
+    assert len(re.findall("✗", page.locator("#planners").inner_text())) == 1
+    page.keyboard.press("Home")
+    assert "✗" in page.locator("#planners").inner_text()
+    page.get_by_role("button", name="All outcomes").click()
+    assert "✓" in page.locator("#case").inner_text()
+
+
+def test_the_keyboard_reaches_each_control_and_keeps_its_place(visit):
+    page = visit("#suite/door_10/val/1/mppi,orca@1")
+    reached = []
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement === document.body"):
+            break
+        reached.append(page.evaluate("document.activeElement.id || document.activeElement.textContent.trim()"))
+        assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    assert reached[-1] == "Keys"
+    assert {"scenario", "previous", "case", "next", "failure", "outcomes", "play", "time", "speed"} <= {*reached}
+    page.get_by_role("button", name="mppi").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.querySelectorAll('figure').length === 1")
+    assert page.evaluate("document.activeElement.textContent.trim()") == "mppi"
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.querySelectorAll('figure').length === 2")
+
+
+def test_a_page_leads_back(runs, tmp_path, visit):
+    page = visit()
+    assert page.locator("#back").inner_text() == ""
+    export_page(runs[0][3:], load_stored_scenario, tmp_path, back=("../suite.html", "The suite"))
+    page.route("**/data/index.js", lambda route: route.fulfill(path=tmp_path / "data" / "index.js"))
+    page.reload()
+    page.wait_for_function("document.querySelectorAll('figure canvas').length > 0")
+    assert page.get_by_role("link", name="The suite").get_attribute("href") == "../suite.html"
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])

@@ -45,5 +45,6 @@ def write_replay(board: Board, entries: Sequence[Entry], folder: Path) -> dict[s
                 problems[entry.name] = problem
         if runs:
             folder.mkdir()
-            export_page(runs, lambda run: scenarios[run.directory.name], folder)
+            back = ("../index.html", board.spec.title)
+            export_page(runs, lambda run: scenarios[run.directory.name], folder, back=back)
     return problems
