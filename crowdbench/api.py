@@ -160,6 +160,7 @@ def rollout(
     scenario: str | Scenario,
     cases: int | str | Cases,
     *,
+    others: str | Planner | None = None,
     replanning: Replanning = EVERY_STEP,
     keep_logs: bool = False,
     undisturbed: bool = True,
@@ -174,6 +175,7 @@ def rollout(
         planner: A planner, such as one of `load_planner`, or its name or file.
         scenario: A scenario, such as one of `load_scenario`, or its name or file.
         cases: Number of test cases, or cases in the format of `crowdbench run --cases`, such as "val:20".
+        others: The planner of all vehicles but the first one of each case; None if `planner` drives all.
         replanning: The steps at which the planner gets an observation.
         keep_logs: True if the trace contains the logs of the planner.
         undisturbed: True if the trace contains the paths of cooperative pedestrians without the vehicle, which some
@@ -185,11 +187,10 @@ def rollout(
             large.
     """
     require("planner", planner, isinstance(planner, str | Planner), A_PLANNER)
+    require("others", others, isinstance(others, str | Planner | None), f"{A_PLANNER}, or None")
     require("scenario", scenario, isinstance(scenario, str | Scenario), "a name, a file or a Scenario")
     require("watch", watch, watch is None or callable(watch), "a function of the worlds, or None")
     require("replanning", replanning, isinstance(replanning, Replanning), "Replanning(every=8), for example")
-    if isinstance(planner, str):
-        planner = catalog.load_planner(planner)
     if isinstance(scenario, str):
         scenario = catalog.load_scenario(scenario)
     chosen = Cases.parse(str(cases))
@@ -197,10 +198,15 @@ def rollout(
     if len(chosen) > most:
         raise InputError(f"a trace of {len(chosen)} cases of {scenario.name} is too large: roll out {most} or fewer")
     announce_compilation()
-    name = type(planner).__name__
-    driver = Driver(hold_out(planner, name, scenario), name)
+    driver, team = _driver(planner, scenario), None if others is None else _driver(others, scenario)
     settings: dict[str, Any] = {"keep_logs": keep_logs, "undisturbed": undisturbed, "watch": watch}
     try:
-        return lockstep.rollout(driver, scenario, chosen, replanning=replanning, **settings)
+        return lockstep.rollout(driver, scenario, chosen, others=team, replanning=replanning, **settings)
     except lockstep.LogsTooLarge as error:
         raise InputError(f"the planner's logs are too large: roll out {error.fitting} cases or fewer") from None
+
+
+def _driver(planner: str | Planner, scenario: Scenario) -> Driver:
+    planner = catalog.load_planner(planner) if isinstance(planner, str) else planner
+    name = type(planner).__name__
+    return Driver(hold_out(planner, name, scenario), name)

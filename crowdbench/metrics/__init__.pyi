@@ -18,6 +18,7 @@ from .ranking import fault_bound as fault_bound
 from .ranking import is_competent as is_competent
 from .ranking import ranks as ranks
 from .registry import MAIN as MAIN
+from .registry import OF_FLEETS as OF_FLEETS
 from .registry import UNDISTURBED as UNDISTURBED
 from .registry import info_of as info_of
 from .scenario_means import mean_over_scenarios as mean_over_scenarios

@@ -12,7 +12,9 @@ from .run_result import RunResult as RunResult
 from .run_result import write_run as write_run
 from .stored_commands import COMMANDS as COMMANDS
 from .stored_commands import StoredCommands as StoredCommands
+from .stored_commands import commands_table as commands_table
 from .stored_commands import read_commands as read_commands
+from .stored_commands import write_commands as write_commands
 from .stored_tracks import TRACKS as TRACKS
 from .stored_tracks import read_tracks as read_tracks
 from .stored_tracks import write_tracks as write_tracks

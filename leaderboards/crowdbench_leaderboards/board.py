@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from crowdbench import METRICS, Cases, InputError, Scenario, load_scenario, read_suite, scenario_path
+from crowdbench import METRICS, PLANNERS, Cases, InputError, Scenario, load_scenario, read_suite, scenario_path
 from crowdbench.core import COLLISION_RULES
-from crowdbench.metrics import MAIN, Metric, scenario_weights
+from crowdbench.metrics import MAIN, OF_FLEETS, Metric, scenario_weights
 from crowdbench.runs import LOOK_FIRST, Replanning
 from crowdbench.scenario import known_files
 from crowdbench.sim import SIMULATOR
@@ -31,6 +31,9 @@ SUITE = "suite"
 MEASURED = (*MAIN, "score", "intimate_zone", "max_velocity_change", "imposed_delay", "imposed_delay_positive")
 """The metrics that boards show."""
 
+AMONG = "+"
+"""Between a scenario of several vehicles and the planner of all but the first one, as in `fleet_4+orca`."""
+
 _NO_RULES = {"title", "description", "position", "recorded", "ranked"}
 """Keys of a board that are not in its digest, because no figure depends on them."""
 
@@ -43,7 +46,8 @@ class BoardSpec(TomlTable):
     """The contents of `board.toml`. `families = "suite"` stands for the ranked scenarios of `crowdbench suite`.
 
     `position` orders boards in lists. `recorded` is true if the scenarios need recorded tracks, and `ranked` if entries
-    have ranks. `public_cases` is the number of public cases of each scenario. `cases` is the number of cases in a
+    have ranks. A scenario such as `fleet_4+orca` has other vehicles, which a planner that ships drives. `public_cases`
+    is the number of public cases of each scenario. `cases` is the number of cases in a
     season, on which entries are ranked by success. `track` is the track of sensing; without one, sensors are as in the
     files of the scenarios.
     """
@@ -91,7 +95,7 @@ class Board:
         return {
             "rules": self.spec.model_dump(mode="json", exclude=_NO_RULES),
             "scenarios": scenarios,
-            "metrics": MEASURED,
+            "metrics": list(self.metrics),
             "simulator": SIMULATOR,
         }
 
@@ -108,7 +112,18 @@ class Board:
     @property
     def metrics(self) -> Mapping[str, Metric]:
         """The metrics that are computed for an entry's runs."""
-        return {name: METRICS[name] for name in MEASURED}
+        return {name: METRICS[name] for name in MEASURED} | (OF_FLEETS if self.is_fleet else {})
+
+    @property
+    def is_fleet(self) -> bool:
+        """True if worlds have several vehicles."""
+        return not self.spec.recorded and self._public[0].rules.vehicles > 1
+
+    def scored_vehicles(self, scenario: str) -> int:
+        """Return the number of vehicles of a world that are scored: all that the entry drives."""
+        if self.spec.recorded or others_in(scenario):
+            return 1
+        return next(each.rules.vehicles for each in self._public if each.name == scenario)
 
     @property
     def cases(self) -> Cases:
@@ -155,7 +170,9 @@ class Board:
         return self._public if seed is None else self._load(seed)
 
     def _load(self, seed: int | None) -> Sequence[Scenario]:
-        return [load_scenario(name, self.overrides(seed), data=self.data) for name in self.scenarios]
+        files = {name: name.partition(AMONG)[0] for name in self.scenarios}
+        loaded = {name: load_scenario(file, self.overrides(seed), data=self.data) for name, file in files.items()}
+        return [dataclasses.replace(scenario, name=name) for name, scenario in loaded.items()]
 
     def with_data(self, data: Path | None) -> Board:
         """Return the board with the folder of the recorded tracks that its scenarios need.
@@ -194,8 +211,23 @@ def read_board(folder: Path) -> Board:
         raise InputError(f"{file.file}: the scenario {double[0]} is in two families")
     with file.at("families").named():
         if not board.spec.recorded:
-            board.load(None)
+            _check_vehicles(board)
     return board
+
+
+def others_in(scenario: str) -> str:
+    """Return the planner of all vehicles but the first one in a scenario of a board; empty if the entry drives all."""
+    return scenario.partition(AMONG)[2]
+
+
+def _check_vehicles(board: Board) -> None:
+    """Raise InputError if a scenario does not exist, or has no other vehicles or no such planner for them."""
+    for scenario in board.load(None):
+        others = others_in(scenario.name)
+        if others and others not in PLANNERS.built_in():
+            raise InputError(f"{scenario.name} needs a planner that ships, but none is called {others!r}")
+        if (scenario.rules.vehicles > 1) != board.is_fleet or (others and not board.is_fleet):
+            raise InputError(f"{scenario.name}: all scenarios of a board have several vehicles, or all have one")
 
 
 def _recorded_digest(name: str) -> str:

@@ -11,12 +11,12 @@ from typing import Any
 
 from filelock import Timeout
 
-from crowdbench import Cases, Driver, Episodes, InputError, Scenario
+from crowdbench import Cases, Driver, Episodes, InputError, Scenario, load_planner
 from crowdbench.isolation import IsolatedPlanner, ResourceLimits
 from crowdbench.results import EPISODES, check_result
 from crowdbench.runs import Progress, Run, RunSpec, identify, make_each, make_run
 from crowdbench.utils import hold_lock
-from crowdbench_leaderboards.board import Board
+from crowdbench_leaderboards.board import Board, others_in
 from crowdbench_leaderboards.planner_files import PLANNER, Files, locate_named_files, named_externals
 from crowdbench_leaderboards.season import SEASON
 
@@ -132,11 +132,16 @@ def _drive(
         overrides=board.overrides(case_set.seed),
         replanning=board.replanning,
         record="commands",
+        others=others_in(scenario.name) or None,
     )
     located, located_options = planner.located
     with planner.start(scenario) as isolated:
         driver = Driver(isolated, isolated.name)
-        run = Run(spec, driver, scenario, board.metrics, identify(located, located_options, driver, options))
+        identity, others = identify(located, located_options, driver, options), None
+        if spec.others:
+            team = Driver(load_planner(spec.others, {}), spec.others)
+            others = team, identify(spec.others, {}, team)
+        run = Run(spec, driver, scenario, board.metrics, identity, others)
         if not _is_finished(directory, run):
             make_run(run, directory, overwrite=True, progress=progress)
         elif progress is not None:

@@ -111,7 +111,7 @@ def _say_entry(entry: Entry, failures: Mapping[str, str], board: Board, data: Pa
     from crowdbench_leaderboards.episode_table import read_table
 
     for scenario, episodes in read_table(entry.directory / PUBLIC, board, board.public_cases).items():
-        say(f"{scenario}: {_means(episodes)} in {len(episodes)} public cases")
+        say(f"{scenario}: {_means(episodes)} in {len(board.public_cases)} public cases")
     given = [] if data is None else ["--data", data]
     say(
         f"made {entry.directory}, which is verified in the next season of its board. Next:\n"
@@ -228,7 +228,7 @@ def _print_verification(entry: Entry, verification: Verification, episodes: Mapp
         f"{entry.name} on {verification.board}: {verdict} on seed {verification.seed}: {one_line(verification.reason)}"
     )
     for scenario, own in episodes.items():
-        print(f"{scenario}: {_means(own)} in {len(own)} held-out cases")
+        print(f"{scenario}: {_means(own)} in {len(set(own.case))} held-out cases")
     if speed := verification.decision_time:
         print(
             f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms, {100 * speed.in_time:.1f} % "

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from crowdbench import Episodes
 from crowdbench.metrics import info_of
+from crowdbench_leaderboards.means import case_means
 
 ALPHA = 0.001
 """The largest probability that an honest entry is called lower than claimed."""
@@ -21,8 +22,8 @@ def lower_than_claimed(public: Mapping[str, Episodes], held_out: Mapping[str, Ep
     """Return the scenarios and metrics in which a planner is significantly worse on held-out cases than on public ones.
 
     The test is one-sided, for each scenario and each metric of `CRITERIA`: Fisher's exact test for rates, and the test
-    of Mann and Whitney (1947) for success weighted by completion time. `ALPHA` is divided by the number of tests
-    (Bonferroni).
+    of Mann and Whitney (1947) for success weighted by completion time and for means over vehicles. `ALPHA` is divided
+    by the number of tests (Bonferroni).
 
     Args:
         public: The episodes that the entry reports, by scenario.
@@ -34,20 +35,15 @@ def lower_than_claimed(public: Mapping[str, Episodes], held_out: Mapping[str, Ep
     limit = ALPHA / (len(CRITERIA) * len(public))
     differences = []
     for name, reported in public.items():
-        measured = held_out[name]
         for metric in CRITERIA:
-            info = info_of(metric)
-            p = p_value(info.sign * reported.columns[metric], info.sign * measured.columns[metric])
+            info, before, after = info_of(metric), case_means(reported, metric), case_means(held_out[name], metric)
+            p = p_value(info.sign * before, info.sign * after)
             if p < limit:
                 differences.append(
-                    f"{info.title} in {name} was {_mean(reported, metric):.4g} as reported and is "
-                    f"{_mean(measured, metric):.4g} in {len(measured)} other cases (p = {p:.1e})"
+                    f"{info.title} in {name} was {before.mean():.4g} as reported and is {after.mean():.4g} in "
+                    f"{len(after)} other cases (p = {p:.1e})"
                 )
     return differences
-
-
-def _mean(episodes: Episodes, metric: str) -> float:
-    return float(episodes.columns[metric].mean())
 
 
 def p_value(public: Float[np.ndarray, "case"], held_out: Float[np.ndarray, "held_out_case"]) -> float:

@@ -48,7 +48,9 @@ def write_table(path: Path, episodes: Mapping[str, Episodes], runs: Path | None 
         table = own.to_arrow()
         table = table.add_column(0, SCENARIO, pa.array([name] * len(own), pa.string()))
         if runs is not None:
-            table = table.append_column(COMMAND, pq.read_table(runs / name / COMMANDS)["command"])
+            command = pq.read_table(runs / name / COMMANDS)["command"]
+            scored = np.arange(len(own)) * (len(command) // len(own))  # of other vehicles, which the board drives, none
+            table = table.append_column(COMMAND, command.take(scored))
         tables.append(table)
     with write_whole(path) as partial:
         pq.write_table(pa.concat_tables(tables), partial, compression="zstd")
@@ -77,11 +79,12 @@ def read_table(path: Path, board: Board, cases: Cases, folder: Path | None = Non
 
 def _read(path: Path, board: Board, cases: Cases, folder: Path | None) -> dict[str, Episodes]:
     steps = MOST_STEPS if path.name == PUBLIC else 0
-    blocks = {"block": pa.int64()} if board.spec.recorded else {}
+    blocks = {"vehicle": pa.int64()} if board.is_fleet else {"block": pa.int64()} if board.spec.recorded else {}
     commands = {COMMAND: _COMMANDS_TYPE} if path.name == PUBLIC else {}
     expected = [*_KEYS, *blocks, *board.metrics, *commands]
     with path.open("rb") as file, pq.ParquetFile(file, pre_buffer=False) as parquet:
-        _check_size(parquet, len(cases) * len(board.scenarios), steps, len(board.metrics))
+        rows = len(cases) * sum(map(board.scored_vehicles, board.scenarios))
+        _check_size(parquet, rows, steps, len(board.metrics))
         if parquet.schema_arrow.names != expected:
             raise InputError(f"its columns are not {', '.join(expected)}")
         if not folder:
@@ -97,8 +100,11 @@ def _read(path: Path, board: Board, cases: Cases, folder: Path | None) -> dict[s
         rows = table.filter(pc.equal(table[SCENARIO], name))
         if not len(rows):
             continue
-        if not np.array_equal(rows["case"].to_numpy(), cases.indices):
+        vehicles = board.scored_vehicles(name)
+        if not np.array_equal(rows["case"].to_numpy(), cases.indices.repeat(vehicles)):
             raise InputError(f"its cases of {name} are not {cases}")
+        if board.is_fleet and not np.array_equal(rows["vehicle"].to_numpy(), np.tile(np.arange(vehicles), len(cases))):
+            raise InputError(f"its vehicles in {name} are not the first {vehicles}")
         episodes[name] = _episodes(rows, board)
         if folder:
             (folder / name).mkdir(parents=True)
@@ -122,8 +128,9 @@ def _episodes(rows: pa.Table, board: Board) -> Episodes:
         if np.isinf(columns[name]).any():
             raise InputError(f"its column {name} has an infinite value")
     outcome = np.array([Outcome[text.upper()] for text in rows["outcome"].to_pylist()], np.int64)
-    block = rows["block"].to_numpy() if board.spec.recorded else None
-    return Episodes(rows["case"].to_numpy(), outcome, rows["steps"].to_numpy(), columns, block)
+    case, vehicle = rows["case"].to_numpy(), rows["vehicle"].to_numpy() if board.is_fleet else None
+    block = case if board.is_fleet else rows["block"].to_numpy() if board.spec.recorded else None
+    return Episodes(case, outcome, rows["steps"].to_numpy(), columns, block, vehicle)
 
 
 def _check_size(parquet: pq.ParquetFile, rows: int, steps: int, metrics: int) -> None:

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
-from crowdbench import Cases, InputError
-from crowdbench.metrics import UNDISTURBED, Estimate, info_of, mean_over_scenarios, range_over_networks
+from crowdbench import Cases, Episodes, InputError
+from crowdbench.metrics import OF_FLEETS, UNDISTURBED, Estimate, info_of, mean_over_scenarios, range_over_networks
 from crowdbench.results import COMMANDS, read_commands
 from crowdbench.utils import plain
-from crowdbench_leaderboards.board import Board
+from crowdbench_leaderboards.board import Board, others_in
 from crowdbench_leaderboards.board_runs import EntryPlanner, read_episodes
 from crowdbench_leaderboards.entry import Entry
 from crowdbench_leaderboards.verdict import Method
@@ -33,11 +34,18 @@ Estimates = Mapping[str, Mapping[str, Estimate]]
 """Estimates by scenario and metric."""
 
 
+def case_means(episodes: Episodes, metric: str) -> Float[np.ndarray, "case"]:
+    """Return a metric in each case: the mean over the vehicles that are scored."""
+    cases = len(np.unique(episodes.case))
+    return np.asarray(episodes.columns[metric].reshape(cases, -1).mean(axis=1))
+
+
 def board_figures(board: Board, scenarios: Estimates) -> dict[str, Estimate]:
     """Return the means over the scenarios of a board by metric.
 
     A mean is undefined if it is undefined in a scenario. Metrics that compare with the undisturbed crowd are means over
-    the scenarios with cooperative pedestrians, which see the vehicle.
+    the scenarios with cooperative pedestrians, which see the vehicle. Metrics of several vehicles are means over the
+    scenarios in which the entry drives all.
 
     Args:
         board: The board.
@@ -47,6 +55,9 @@ def board_figures(board: Board, scenarios: Estimates) -> dict[str, Estimate]:
     for metric in board.metrics:
         estimates = [scenario.get(metric) for scenario in scenarios.values()]
         weights = board.weights
+        if metric in OF_FLEETS:
+            weights = weights * [not others_in(name) for name in scenarios]
+            weights = weights / weights.sum() if weights.any() else weights * np.nan
         if UNDISTURBED in info_of(metric).needs:
             weights = weights * [estimate is not None and not np.isnan(estimate.mean) for estimate in estimates]
             estimates = [estimate if weight else None for estimate, weight in zip(estimates, weights, strict=True)]

@@ -23,12 +23,13 @@ import numpy as np
 from filelock import Timeout
 from jaxtyping import Float, Int
 
-from crowdbench import Cases, Driver, Episodes, InputError, Observation, Outcome, rollout
+from crowdbench import Cases, Driver, Episodes, InputError, Observation, Outcome, load_planner, rollout
 from crowdbench.isolation import usable_cores
 from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.planners import AheadPlanner
 from crowdbench.runs import Progress, code
 from crowdbench.utils import Executor, MachineFault, hold_lock, write_whole
+from crowdbench_leaderboards.board import others_in
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, InUse
 
 HARD_LIMIT = 20
@@ -170,6 +171,8 @@ def _drive(task: RankedTask, cases: Sequence[int], core: Sequence[int], report: 
     board = task.case_set.board
     scenario = next(each for each in task.case_set.scenarios if each.name == task.scenario)
     undisturbed = any(UNDISTURBED in info_of(name).needs for name in board.metrics)
+    others = load_planner(others_in(scenario.name)) if others_in(scenario.name) else None
+    settings: dict[str, Any] = {"others": others, "replanning": board.replanning, "undisturbed": undisturbed}
     with task.planner.start(scenario, core) as isolated:
         driver = Driver(isolated, isolated.name)
         raw = driver.raw and scenario.rules.sensor.detector is not None
@@ -179,10 +182,12 @@ def _drive(task: RankedTask, cases: Sequence[int], core: Sequence[int], report: 
         for case in cases:
             timed.seconds = []
             only = Cases(task.case_set.cases.split, case, case + 1)
-            trace = rollout(timed, scenario, only, replanning=board.replanning, undisturbed=undisturbed)
+            trace = rollout(timed, scenario, only, **settings)
             timed.driver.decision_limit = HARD_LIMIT * scenario.rules.dt
-            (row,) = Episodes.of(trace, board.metrics)
-            _write_log(task.log, [{**row, "seconds": [round(each, 6) for each in timed.seconds]}])
+            episodes = Episodes.of(trace, board.metrics)
+            rows = [*(episodes.of_first_vehicle() if others else episodes)]
+            seconds = [round(each, 6) for each in timed.seconds]
+            _write_log(task.log, [{"case": case, "episodes": rows, "seconds": seconds}])
             report(1)
 
 
@@ -195,16 +200,17 @@ def read_ranked(task: RankedTask) -> RankedRun:
     """Read the result of a finished ranked run."""
     lines = task.lines()
     planner: dict[str, Any] = next((line["planner"] for line in lines if "planner" in line), {})
-    rows = sorted((line for line in lines if "case" in line), key=lambda line: line["case"])
+    cases = sorted((line for line in lines if "case" in line), key=lambda line: line["case"])
     failed = next((line["failed"] for line in lines if "failed" in line), "")
-    seconds = [each for row in rows for each in row["seconds"]]
-    if failed or len(rows) < len(task.case_set.cases):
+    rows, seconds = ([each for line in cases for each in line[name]] for name in ("episodes", "seconds"))
+    if failed or len(cases) < len(task.case_set.cases):
         return RankedRun(None, seconds, planner, failed or "its ranked run is not finished")
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "seconds"}
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     case, labels, steps = (columns.pop(name) for name in ("case", "outcome", "steps"))
-    block = columns.pop("block", None)
+    block, vehicle = columns.pop("block", None), columns.pop("vehicle", None)
     outcome = np.array([Outcome[label.upper()] for label in labels], np.int64)
-    return RankedRun(Episodes(case, outcome, steps, columns, block), seconds, planner, "")
+    episodes = Episodes(case, outcome, steps, columns, block if vehicle is None else case, vehicle)
+    return RankedRun(episodes, seconds, planner, "")
 
 
 def drive_all(tasks: Sequence[RankedTask], progress: Progress, executor: Executor | None = None) -> None:

@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from crowdbench import Cases, Episodes, InputError, Scenario
+from crowdbench import Cases, Episodes, InputError, Scenario, rollout
 from crowdbench.isolation import PROCESS, describe_limits, level
-from crowdbench.results import RunResult
-from crowdbench.runs import Progress, code, replay_run
+from crowdbench.results import COMMANDS, RunResult, commands_table, read_commands, write_commands
+from crowdbench.runs import Playback, Progress, code, replay_run
 from crowdbench.sim import SIMULATOR
 from crowdbench.utils import Executor, MachineFault, plain
-from crowdbench_leaderboards.board import Board
+from crowdbench_leaderboards.board import Board, others_in
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, InUse, drive, lock_runs
 from crowdbench_leaderboards.consistency_test import lower_than_claimed
 from crowdbench_leaderboards.entries import check_entry
@@ -284,8 +284,15 @@ def public_run(entry: Entry, board: Board, scenario: Scenario, episodes: Episode
         scenario: The scenario.
         episodes: Its episodes as the entry has them.
         folder: The folder with its commands.
+
+    Raises:
+        InputError: A command is none that a vehicle can execute.
     """
-    run = {"scenario": scenario.digest, "cases": str(board.public_cases), "code": code(), "simulator": SIMULATOR}
+    run: dict[str, Any] = {"scenario": scenario.digest, "cases": str(board.public_cases)}
+    run |= {"code": code(), "simulator": SIMULATOR}
+    if others := others_in(scenario.name):
+        run["others"] = {"name": others}
+        _add_others(scenario, board.public_cases, folder / COMMANDS)
     planner = {"name": entry.name, "options": entry.spec.options}
     result = {
         "run": {**run, "planner": planner, "replanning": {}, "metrics": dict.fromkeys(board.metrics)},
@@ -297,3 +304,10 @@ def public_run(entry: Entry, board: Board, scenario: Scenario, episodes: Episode
         "metrics": plain(episodes.summary()),
     }
     return RunResult(folder, result, episodes)
+
+
+def _add_others(scenario: Scenario, cases: Cases, path: Path) -> None:
+    """Add the commands of the other vehicles, which a planner that ships drives, to a file with those of the first."""
+    first = Playback(read_commands(path).pad(cases, scenario.rules.max_steps))
+    trace = rollout(first, scenario, cases, others=others_in(scenario.name), undisturbed=False)
+    write_commands([commands_table(trace)], path)

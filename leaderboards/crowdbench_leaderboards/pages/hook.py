@@ -21,7 +21,7 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
 from crowdbench import METRICS, InputError
-from crowdbench.metrics import info_of
+from crowdbench.metrics import OF_FLEETS, info_of
 from crowdbench_leaderboards.board import MEASURED, Board, read_boards
 from crowdbench_leaderboards.entries import read_entries
 from crowdbench_leaderboards.pages import page_tables, ranking, texts
@@ -112,8 +112,9 @@ def _templates() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     templates.filters |= {function.__name__: function for function in texts.FILTERS}
-    headings = {name: info_of(name).heading for name in MEASURED}
-    meanings = {name: str(METRICS[name].__doc__).partition(" [")[0] for name in MEASURED}
+    shown = {name: METRICS[name] for name in MEASURED} | OF_FLEETS
+    headings = {name: info_of(name).heading for name in shown}
+    meanings = {name: str(metric.__doc__).partition(" [")[0] for name, metric in shown.items()}
     templates.globals |= {"METRICS": headings, "METRICS_SAY": meanings, "COMPLIANCE": texts.COMPLIANCE}
     templates.globals |= {"FILLING": FILLING, "tables": page_tables, "place": ranking.place, "BLOCKS": ranking.BLOCKS}
     return templates

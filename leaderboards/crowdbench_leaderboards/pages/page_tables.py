@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
-from crowdbench import Outcome
+from crowdbench import Episodes, Outcome
 from crowdbench.metrics import Pair
 from crowdbench_leaderboards.pages.standings import Standing, Standings
 from crowdbench_leaderboards.pages.texts import NOTHING, number
@@ -67,6 +68,11 @@ def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
     }
 
 
+def _outcomes(episodes: Episodes) -> Int[np.ndarray, "case"]:
+    """Return the outcome of each case: success only if all vehicles succeed."""
+    return np.asarray(episodes.outcome.reshape(len(np.unique(episodes.case)), -1).max(axis=1))
+
+
 def case_table(table: Standings) -> dict[str, Any] | None:
     """Return the public cases in which some entry failed; None without entries that drove them.
 
@@ -84,12 +90,8 @@ def case_table(table: Standings) -> dict[str, Any] | None:
     drawn = board.public_cases
     per_scenario = len(drawn)
     undriven = np.full(per_scenario, Outcome.RUNNING)
-    outcomes = np.array(
-        [
-            np.concatenate([one.public[name].outcome if name in one.public else undriven for name in board.scenarios])
-            for one in entries
-        ]
-    )
+    driven = [{name: _outcomes(own) for name, own in one.public.items()} for one in entries]
+    outcomes = np.array([np.concatenate([own.get(name, undriven) for name in board.scenarios]) for own in driven])
     failures = (outcomes != Outcome.SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
     cases = hardest[np.argsort(hardest // per_scenario, kind="stable")]

@@ -14,7 +14,7 @@ from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.entries import BoardEntries
 from crowdbench_leaderboards.entry import PUBLIC, Entry, is_pending
 from crowdbench_leaderboards.episode_table import read_table
-from crowdbench_leaderboards.means import board_figures
+from crowdbench_leaderboards.means import board_figures, case_means
 from crowdbench_leaderboards.pages.ranking import BLOCKS, Candidate, rank_all
 from crowdbench_leaderboards.season import MAX_RANKED, Season
 from crowdbench_leaderboards.verdict import (
@@ -28,7 +28,7 @@ from crowdbench_leaderboards.verdict import (
 
 SHOWN = [
     *("success_rate", "at_fault_rate", "collision_rate", "sct", "navigation_time"),
-    *("intimate_zone", "imposed_delay", "imposed_delay_positive", "jerk"),
+    *("intimate_zone", "imposed_delay", "imposed_delay_positive", "jerk", "worst_score"),
 ]
 """The metrics that the table of a board shows beside the score."""
 
@@ -99,14 +99,10 @@ class Standing:
         return {name: own.summary() for name, own in self.episodes.items()}
 
     def values(self, board: Board, metric: str) -> Float[np.ndarray, "scenario case"]:
-        """Return a metric in each case; 0 in scenarios that the planner cannot drive."""
-        cases = len(next(iter(self.episodes.values())))
-        return np.array(
-            [
-                self.episodes[name].columns[metric].astype(float) if name in self.episodes else np.zeros(cases)
-                for name in board.scenarios
-            ]
-        )
+        """Return a metric in each case, the mean over its vehicles; 0 in scenarios that the planner cannot drive."""
+        means = {name: case_means(own, metric) for name, own in self.episodes.items()}
+        none = np.zeros(len(next(iter(means.values()))))
+        return np.array([means.get(name, none) for name in board.scenarios])
 
 
 @dataclass(frozen=True)
@@ -144,7 +140,8 @@ class Standings:
     def shown(self) -> Sequence[str]:
         """Metrics beside the score that any ranked entry has, or any entry if none is ranked."""
         entries = self.ranked or self.others
-        return [name for name in SHOWN if any(np.isfinite(entry.figures[name].mean) for entry in entries)]
+        names = [name for name in SHOWN if name in self.board.metrics]
+        return [name for name in names if any(np.isfinite(entry.figures[name].mean) for entry in entries)]
 
     @property
     def has_methods(self) -> bool:
@@ -173,7 +170,7 @@ def standings(board: Board, entries: BoardEntries, season: Season | None) -> Sta
                 name,
                 one.entry.account or f"maintainers: {name}",
                 one.values(board, "score"),
-                np.array([own.columns["at_fault_rate"].astype(float) for own in one.episodes.values()]),
+                np.array([_of_first(own).columns["at_fault_rate"].astype(float) for own in one.episodes.values()]),
             )
             for name, one in candidates.items()
         ],
@@ -188,13 +185,18 @@ def standings(board: Board, entries: BoardEntries, season: Season | None) -> Sta
     return Standings(board, ranked, others, bad, withdrawn, ranking.pairs)
 
 
+def _of_first(episodes: Episodes) -> Episodes:
+    """Return the episodes of the first vehicle of each case."""
+    return episodes if episodes.vehicle is None else episodes.of_first_vehicle()
+
+
 def blocks_of_time(board: Board, entries: Sequence[Standing]) -> list[Int[np.ndarray, "case"]] | None:
     """Return the blocks of recorded time of the cases of each scenario; None without recorded pedestrians.
 
     All entries drove the same cases, so that a scenario has the same blocks in all of them.
     """
     blocks = {name: own.block for one in entries for name, own in one.episodes.items() if own.block is not None}
-    if not blocks:
+    if not blocks or board.is_fleet:
         return None
     none = np.zeros(board.spec.cases, np.int64)
     return [blocks.get(name, none) for name in board.scenarios]
