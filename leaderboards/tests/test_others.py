@@ -2,6 +2,7 @@
 
 import functools
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,11 @@ from typer.testing import CliRunner
 
 from crowdbench.cli.app import app
 from crowdbench.isolation import sandbox
+from crowdbench.plugins import read_files
 from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import read_boards
 from crowdbench_leaderboards.entries import read_entries
-from crowdbench_leaderboards.entry import read_card, read_entry
+from crowdbench_leaderboards.entry import PUBLIC, SEASON_TABLE, VERDICT, read_card, read_entry
 from crowdbench_leaderboards.fill import to_submit
 from crowdbench_leaderboards.pages.standings import standings
 from crowdbench_leaderboards.planner_files import external_files
@@ -44,6 +46,18 @@ def test_the_listed_networks_of_others_are_at_most_six_and_name_their_source():
         assert all([about.authors, about.paper, about.code, about.commit])
         assert about.account == ""
         assert set(each.only_on) <= boards
+
+
+def test_full_boards_have_fewer_than_1200_files():
+    own = {"entry.json", "card.toml", PUBLIC, SEASON_TABLE, VERDICT}
+    number = 0
+    for board in read_boards():
+        for each in read_shipped(ROOT).values():
+            copied = read_files(ROOT.parent / each.planner) if "/" in each.planner else []
+            number += each.is_on(board.name) * (len(own) + len(copied))
+    command = ["git", "ls-files", "--", ".", ":!*/entries/*", ":!frozen.json"]
+    others = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    assert 900 < number + len([*others, "frozen.json"]) < 1200
 
 
 @pytest.mark.parametrize(

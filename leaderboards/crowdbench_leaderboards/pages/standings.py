@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import Episodes, InputError
-from crowdbench.metrics import UNDEFINED, Estimate, Pair, Rank
-from crowdbench_leaderboards.board import Board
+from crowdbench.metrics import OF_FLEETS, UNDEFINED, Estimate, Pair, Rank
+from crowdbench_leaderboards.board import Board, others_in
 from crowdbench_leaderboards.entries import BoardEntries
 from crowdbench_leaderboards.entry import PUBLIC, Entry, is_pending
 from crowdbench_leaderboards.episode_table import read_table
@@ -95,8 +95,9 @@ class Standing:
         return self.verification.method if self.verification else None
 
     def scenario_figures(self) -> dict[str, dict[str, Estimate]]:
-        """Return the means with their intervals by scenario and metric."""
-        return {name: own.summary() for name, own in self.episodes.items()}
+        """Return the means with their intervals by scenario and metric: metrics of all vehicles if it drives all."""
+        left_out = {name: OF_FLEETS if others_in(name) else {} for name in self.episodes}
+        return {name: own.without(left_out[name]).summary() for name, own in self.episodes.items()}
 
     def values(self, board: Board, metric: str) -> Float[np.ndarray, "scenario case"]:
         """Return a metric in each case, the mean over its vehicles; 0 in scenarios that the planner cannot drive."""
@@ -140,8 +141,8 @@ class Standings:
     def shown(self) -> Sequence[str]:
         """Metrics beside the score that any ranked entry has, or any entry if none is ranked."""
         entries = self.ranked or self.others
-        names = [name for name in SHOWN if name in self.board.metrics]
-        return [name for name in names if any(np.isfinite(entry.figures[name].mean) for entry in entries)]
+        figures = [entry.figures for entry in entries]
+        return [name for name in SHOWN if any(np.isfinite(own.get(name, UNDEFINED).mean) for own in figures)]
 
     @property
     def has_methods(self) -> bool:
