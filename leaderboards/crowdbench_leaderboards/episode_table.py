@@ -48,7 +48,8 @@ def write_table(path: Path, episodes: Mapping[str, Episodes], runs: Path | None 
         table = own.to_arrow()
         table = table.add_column(0, SCENARIO, pa.array([name] * len(own), pa.string()))
         if runs is not None:
-            command = pq.read_table(runs / name / COMMANDS)["command"]
+            with (runs / name / COMMANDS).open("rb") as file, pq.ParquetFile(file, pre_buffer=False) as parquet:
+                command = parquet.read(["command"], use_threads=False)["command"]  # threads may end the process badly
             scored = np.arange(len(own)) * (len(command) // len(own))  # of other vehicles, which the board drives, none
             table = table.append_column(COMMAND, command.take(scored))
         tables.append(table)
@@ -105,7 +106,7 @@ def _read(path: Path, board: Board, cases: Cases, folder: Path | None) -> dict[s
             raise InputError(f"its cases of {name} are not {cases}")
         if board.is_fleet and not np.array_equal(rows["vehicle"].to_numpy(), np.tile(np.arange(vehicles), len(cases))):
             raise InputError(f"its vehicles in {name} are not the first {vehicles}")
-        episodes[name] = _episodes(rows, board)
+        episodes[name] = episodes_of(rows, board)
         if folder:
             (folder / name).mkdir(parents=True)
             pq.write_table(rows.select(["case", COMMAND]), folder / name / COMMANDS)
@@ -114,8 +115,8 @@ def _read(path: Path, board: Board, cases: Cases, folder: Path | None) -> dict[s
     return episodes
 
 
-def _episodes(rows: pa.Table, board: Board) -> Episodes:
-    """Return the episodes of a scenario from its rows."""
+def episodes_of(rows: pa.Table, board: Board) -> Episodes:
+    """Return the episodes of a scenario from its rows. Raises InputError if a metric has a wrong type."""
     columns: dict[str, Any] = {}
     for name in board.metrics:
         column = rows[name]

@@ -10,7 +10,15 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench import Cases, Episodes, InputError
-from crowdbench.metrics import OF_FLEETS, UNDISTURBED, Estimate, info_of, mean_over_scenarios, range_over_networks
+from crowdbench.metrics import (
+    OF_FLEETS,
+    UNDEFINED,
+    UNDISTURBED,
+    Estimate,
+    info_of,
+    mean_over_scenarios,
+    range_over_networks,
+)
 from crowdbench.results import COMMANDS, read_commands
 from crowdbench.utils import plain
 from crowdbench_leaderboards.board import Board, others_in
@@ -54,15 +62,14 @@ def board_figures(board: Board, scenarios: Estimates) -> dict[str, Estimate]:
     figures = {}
     for metric in board.metrics:
         estimates = [scenario.get(metric) for scenario in scenarios.values()]
-        weights = board.weights
-        if metric in OF_FLEETS:
-            weights = weights * [not others_in(name) for name in scenarios]
-            weights = weights / weights.sum() if weights.any() else weights * np.nan
+        counted = [True] * len(estimates)
         if UNDISTURBED in info_of(metric).needs:
-            weights = weights * [estimate is not None and not np.isnan(estimate.mean) for estimate in estimates]
-            estimates = [estimate if weight else None for estimate, weight in zip(estimates, weights, strict=True)]
-            weights = weights / weights.sum() if weights.any() else weights * np.nan
-        figures[metric] = mean_over_scenarios(weights, estimates)
+            counted = [estimate is not None and not np.isnan(estimate.mean) for estimate in estimates]
+        elif metric in OF_FLEETS:
+            counted = [not others_in(name) for name in scenarios]
+        estimates = [estimate if counts else None for estimate, counts in zip(estimates, counted, strict=True)]
+        weights = board.weights * counted
+        figures[metric] = mean_over_scenarios(weights / weights.sum(), estimates) if any(counted) else UNDEFINED
     return figures
 
 

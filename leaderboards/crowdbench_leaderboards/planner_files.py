@@ -6,7 +6,6 @@ import contextlib
 import filecmp
 import hashlib
 import itertools
-import json
 import os
 import re
 import shutil
@@ -14,6 +13,8 @@ import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+import safetensors
 
 from crowdbench import PLANNERS, InputError
 from crowdbench.plugins import file_and_function, read_files
@@ -216,12 +217,9 @@ def contents(value: Any, folder: Path) -> Any:
         if "/" not in text or not path.is_file():
             return text
         content = path.read_bytes()
-        with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            start = 8 + int.from_bytes(content[:8], "little")
-            tensors = sorted(json.loads(content[8:start]).items())
-            spans = [tensor["data_offsets"] for name, tensor in tensors if name != "__metadata__"]
-            if sum(last - first for first, last in spans) <= len(content):
-                content = b"".join(content[start + first : start + last] for first, last in spans)
+        with contextlib.suppress(safetensors.SafetensorError):
+            tensors = dict(safetensors.deserialize(content))
+            content = b"".join(tensors[name]["data"] for name in sorted(tensors))
         return hashlib.sha256(content).hexdigest()
 
     return _map_texts(digest, value)

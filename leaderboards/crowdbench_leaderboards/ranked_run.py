@@ -20,10 +20,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from filelock import Timeout
 from jaxtyping import Float, Int
 
-from crowdbench import Cases, Driver, Episodes, InputError, Observation, Outcome, load_planner, rollout
+from crowdbench import Cases, Driver, Episodes, InputError, Observation, load_planner, rollout
 from crowdbench.isolation import usable_cores
 from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.planners import AheadPlanner
@@ -31,6 +32,7 @@ from crowdbench.runs import Progress, code
 from crowdbench.utils import Executor, MachineFault, hold_lock, write_whole
 from crowdbench_leaderboards.board import others_in
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, InUse
+from crowdbench_leaderboards.episode_table import episodes_of
 
 HARD_LIMIT = 20
 """Number of time steps after which a decision is stopped, except in the first case, in which code may be compiled."""
@@ -205,12 +207,7 @@ def read_ranked(task: RankedTask) -> RankedRun:
     rows, seconds = ([each for line in cases for each in line[name]] for name in ("episodes", "seconds"))
     if failed or len(cases) < len(task.case_set.cases):
         return RankedRun(None, seconds, planner, failed or "its ranked run is not finished")
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    case, labels, steps = (columns.pop(name) for name in ("case", "outcome", "steps"))
-    block, vehicle = columns.pop("block", None), columns.pop("vehicle", None)
-    outcome = np.array([Outcome[label.upper()] for label in labels], np.int64)
-    episodes = Episodes(case, outcome, steps, columns, block if vehicle is None else case, vehicle)
-    return RankedRun(episodes, seconds, planner, "")
+    return RankedRun(episodes_of(pa.Table.from_pylist(rows), task.case_set.board), seconds, planner, "")
 
 
 def drive_all(tasks: Sequence[RankedTask], progress: Progress, executor: Executor | None = None) -> None:

@@ -218,8 +218,8 @@ class Verifier:
             }
             if ranked[name].planner != about:
                 raise InputError(f"{name}: the planner's facts differ from the facts of the entry")
-        driven = {name: run for name, run in ranked.items() if run.episodes is not None}
-        episodes = {name: run.episodes for name, run in driven.items() if run.episodes is not None}
+        episodes = {name: run.episodes for name, run in ranked.items() if run.episodes is not None}
+        driven = {name: ranked[name] for name in episodes}
         measured: dict[str, Any] = {"decision_time": _decision_time(case_set, driven)}
         if networks := method_networks(entry, self.board):
             cases = CaseSet(self.board, method_cases(case_set.cases), case_set.seed)
