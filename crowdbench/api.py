@@ -193,6 +193,8 @@ def rollout(
     require("replanning", replanning, isinstance(replanning, Replanning), "Replanning(every=8), for example")
     if isinstance(scenario, str):
         scenario = catalog.load_scenario(scenario)
+    if others is not None and scenario.rules.vehicles == 1:
+        raise InputError(f"others is for several vehicles, but {scenario.name} has one: set vehicle.number")
     chosen = Cases.parse(str(cases))
     most = BATCHES * fit_batch(len(chosen), scenario)
     if len(chosen) > most:

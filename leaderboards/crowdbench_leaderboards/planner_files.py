@@ -218,7 +218,7 @@ def contents(value: Any, folder: Path) -> Any:
             return text
         content = path.read_bytes()
         with contextlib.suppress(safetensors.SafetensorError):
-            tensors = dict(safetensors.deserialize(content))
+            tensors = dict(safetensors.deserialize(content))  # type: ignore[no-untyped-call]
             content = b"".join(tensors[name]["data"] for name in sorted(tensors))
         return hashlib.sha256(content).hexdigest()
 

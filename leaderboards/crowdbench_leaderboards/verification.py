@@ -307,7 +307,7 @@ def public_run(entry: Entry, board: Board, scenario: Scenario, episodes: Episode
 
 
 def _add_others(scenario: Scenario, cases: Cases, path: Path) -> None:
-    """Add the commands of the other vehicles, which a planner that ships drives, to a file with those of the first."""
+    """Add the commands of the other vehicles, which a planner that ships drives, to the file of the first."""
     first = Playback(read_commands(path).pad(cases, scenario.rules.max_steps))
     trace = rollout(first, scenario, cases, others=others_in(scenario.name), undisturbed=False)
     write_commands([commands_table(trace)], path)

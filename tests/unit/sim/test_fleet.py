@@ -6,6 +6,7 @@ import functools
 import numpy as np
 import pytest
 
+import crowdbench
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.registry import METRICS, OF_FLEETS
@@ -168,6 +169,10 @@ def test_another_planner_drives_the_other_vehicles():
     scenario = load_scenario("fleet_4")
     orca, straight = drive("orca", scenario), drive("straight", scenario)
     mixed = drive("straight", scenario, others="orca")
+    named = crowdbench.rollout("straight", scenario, str(FEW), others="orca")
+    np.testing.assert_array_equal(named.position, mixed.position)
+    with pytest.raises(InputError, match="circle_20 has one"):
+        crowdbench.rollout("straight", "circle_20", 1, others="orca")
     first = np.arange(len(mixed)) % 4 == 0
     assert np.array_equal(mixed.command[first, 0], straight.command[first, 0])
     assert np.array_equal(mixed.command[~first, 0], orca.command[~first, 0])
