@@ -115,7 +115,7 @@ class IsolatedPlanner(AheadPlanner):
             self.close()
             raise
         self.privileged = properties.get("privileged")  # type: ignore[assignment]  # checked by the driver
-        self.facts = properties.get("facts")  # type: ignore[assignment]
+        self.facts = properties.get("facts", {})
         self.raw = properties.get("raw", False)
         self.native = properties.get("native", False)
         self.usage["construction_seconds"] = self.process.seconds

@@ -297,7 +297,7 @@ while head := sys.stdin.buffer.read(12):
         way = obs["vehicle.goal"] - obs["vehicle.position"]
         answer(12, (0.9 * way / np.linalg.norm(way, axis=1, keepdims=True))[:, None].astype("<f8").tobytes())
     else:
-        answer(11, b'{{"version": 1, "privileged": false, "facts": {{}}}}' if kind == 1 else b"")
+        answer(11, b'{{"version": 1, "privileged": false}}' if kind == 1 else b"")
 """
 
 
