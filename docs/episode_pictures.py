@@ -17,9 +17,19 @@ from crowdbench.api import rollout
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation, Trace
 from crowdbench.drawing import LIGHT, Moment, Polygon, Shape, draw_bands, draw_moment
-from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip
+from crowdbench.figures.episode_figure import (
+    WHOLE,
+    Episode,
+    Picture,
+    draw_pictures,
+    draw_start,
+    draw_strip,
+    stored_episodes,
+)
 from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
 from crowdbench.planners.planner import Planner
+from crowdbench.results.run_result import RunResult
+from crowdbench.runs.loading import load_stored_scenario
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 
 COLUMNS = 4
@@ -36,6 +46,9 @@ FAULTS = {
     "hit both": (Fault.BOTH, "orca", 5),
 }
 """Kinds of collisions with an example in `streets_16_blind`: the planner, and the number of a validation case."""
+
+DECIDED, LATER = 16, 20
+"""The states before and after a decision in the picture of a step, one second apart."""
 
 REACH = 1.6
 """Distance in metres that a picture of a collision shows on each side of the contact."""
@@ -144,6 +157,23 @@ def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
 def is_star(shape: Shape) -> bool:
     """Return whether a shape is the star of a contact."""
     return isinstance(shape, Polygon) and shape.edge == LIGHT.contact
+
+
+def draw_step(out: Path) -> None:
+    """Draw a decision of MPPI: the tracks that it observes, the paths that it considers, and the next second."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        track = {"sensor.track": "realistic"}
+        crowdbench.run(
+            "mppi", "groups_12", "val:10:11", overrides=track, out=run, record="all", progress=lambda _: None
+        )
+        [episode] = stored_episodes([RunResult.read(run)], 10, load_stored_scenario, 7.0)
+    panels = {"observe": (DECIDED, {}), "decide": (DECIDED, episode.paths), "move": (LATER, {})}
+    pictures = [
+        dataclasses.replace(episode, title=title, side=WHOLE / 3, paths=paths).picture(float(state))
+        for title, (state, paths) in panels.items()
+    ]
+    draw_pictures(pictures, len(panels), out)
 
 
 def draw_decision(out: Path) -> None:

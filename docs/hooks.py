@@ -14,6 +14,7 @@ sys.path.append(str(Path(__file__).parent))
 
 import notebook_page
 import pareto_figure
+import path_figure
 import reference
 import replays
 import tables
@@ -56,11 +57,14 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
         return re.sub(
             r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
         )
-    markdown = markdown.replace("<!-- generated: public_names -->", reference.public_names())
+    if page.file.src_uri == "api.md":
+        markdown = reference.names_by_task(markdown)
     # Cases of the game are no headings of the start page, which links to headings are checked against.
     link = re.compile(r"\[(val/\d+)\]\(\.\./index\.md#(val/\d+:\w+)\)")
     markdown = link.sub(r'<a href="../index.html#\2">\1</a>', markdown)
     markdown = markdown.replace("<!-- figure: pareto -->", pareto_figure.figure())
+    paths = re.compile(r"<!-- figure: paths of (\w+) -->")
+    markdown = paths.sub(lambda found: path_figure.figures(found[1], reference.game()[found[1]]), markdown)
     if page.file.src_uri == notebook_page.SOURCE.name:
         markdown = notebook_page.page()
     if Path(page.file.src_uri).stem in replays.LINKING:

@@ -43,7 +43,7 @@ def main() -> None:
     print(f"# Reactions in each scenario\n\n{source}\n\n{NOTE}")
     print('\n<div class="gallery" markdown>')
     for name in suite_names():
-        print(f"\n- **{name}**\n\n    ![Pedestrians that have noticed the vehicle in {name}](noticing/{name}.png)")
+        print(f"\n- **{name}**\n\n    ![Pedestrians that have noticed the vehicle in {name}](noticing/{name}.svg)")
         print(f"\n    {described[name]}. {sentence(load_scenario(name).rules)}")
     print("\n</div>")
 

@@ -1,5 +1,7 @@
 """Draws the pictures of the docs: `python docs/pictures.py`, or some of them: `python docs/pictures.py suite.png`.
 
+Figures in SVG have the light palette, and the dark palette on dark pages.
+
 `--check` draws them into a temporary folder instead, and fails if one of them differs from docs/.
 """
 
@@ -12,6 +14,7 @@ from pathlib import Path
 import curve_pictures
 import episode_pictures
 import numpy as np
+import themed_svg
 from cross_film import draw_card, draw_cross
 from noticing_page import draw_noticing, suite_names
 from PIL import Image, ImageSequence
@@ -31,27 +34,30 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "cross_light.webp": functools.partial(draw_cross, "default"),
     "cross_dark.webp": functools.partial(draw_cross, "slate"),
     "card.png": draw_card,
-    "episode.png": episode_pictures.draw_episode,
-    "strip.png": episode_pictures.draw_moments,
-    "groups.png": episode_pictures.draw_groups,
-    "faults.png": episode_pictures.draw_faults,
+    "episode.svg": episode_pictures.draw_episode,
+    "strip.svg": episode_pictures.draw_moments,
+    "step.svg": episode_pictures.draw_step,
+    "groups.svg": episode_pictures.draw_groups,
+    "faults.svg": episode_pictures.draw_faults,
     "decision.png": episode_pictures.draw_decision,
-    "score.png": draw_score,
-    "ranks.png": draw_ranks,
+    "score.svg": draw_score,
+    "ranks.svg": draw_ranks,
     "success.png": curve_pictures.draw_success,
-    "ladders.png": curve_pictures.draw_ladders,
+    "ladders.svg": curve_pictures.draw_ladders,
     "../studies/dials/dial_density.png": curve_pictures.draw_dial,
     "../studies/li2020/figure3.png": functools.partial(episode_pictures.draw_paper, "circle_crossing_10", EVERY_STEP),
     "../studies/li2020/figure4.png": functools.partial(
         episode_pictures.draw_paper, "circle_crossing_5", Replanning(every=8, look_first=8)
     ),
-    **{f"noticing/{name}.png": functools.partial(draw_noticing, name) for name in suite_names()},
+    **{f"noticing/{name}.svg": functools.partial(draw_noticing, name) for name in suite_names()},
 }
 """The function that draws each picture, by the path of the picture relative to docs/."""
 
 
 def differ(one: Path, other: Path) -> bool:
     """Return whether two pictures or films differ."""
+    if one.suffix == ".svg":
+        return themed_svg.differ(one.read_text(), other.read_text())
     with Image.open(one) as first, Image.open(other) as second:
         if (first.size, getattr(first, "n_frames", 1)) != (second.size, getattr(second, "n_frames", 1)):
             return True
@@ -75,6 +81,8 @@ def main(names: list[str]) -> None:
             except NoViewer as error:
                 print(f"{name} is not drawn: {error}")
                 continue
+            if name.endswith(".svg"):
+                themed_svg.adapt(place / name)
             others += [name] * differ(place / name, DOCS / name)
     sys.exit(f"python docs/pictures.py {' '.join(others)} draws other pictures than docs/ has" if others else 0)
 

@@ -40,11 +40,12 @@ def draw_ranks(out: Path) -> None:
     """Draw both tracks beside each other."""
     tracks = {track: read_rows(track) for track in ("perfect", "realistic")}
     longest = max(map(len, tracks.values()))
+    plt.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "crowdbench"}
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 0.8 + 0.34 * (longest + 2)), sharex=True, layout="constrained")
     for axis, (track, rows) in zip(axes, tracks.items(), strict=True):
         _draw_track(axis, rows)
         axis.set_title(f"{track} sensing", loc="left", fontweight="bold")
-    figure.savefig(out, dpi=130)
+    figure.savefig(out, metadata={"Date": None})
     plt.close(figure)
 
 

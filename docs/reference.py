@@ -2,7 +2,7 @@
 
 A part stands between the comments `<!-- generated: NAME -->` and `<!-- end: NAME -->`, and is the Markdown that the
 function NAME returns. Each planner has a page in docs/planners/. `--check` writes nothing, and fails if a page differs.
-`docs/hooks.py` inserts `public_names` when the site is built, because only the site can show it.
+`docs/hooks.py` inserts `names_by_task` when the site is built, because only the site can show it.
 """
 
 import dataclasses
@@ -20,7 +20,6 @@ import heat_figure
 from docstring_parser import DocstringStyle, parse
 from typer.main import get_command
 
-import crowdbench
 from crowdbench.catalog import scenario_path, scenarios
 from crowdbench.check.kinds import KINDS
 from crowdbench.cli.app import COMMANDS, app
@@ -113,7 +112,7 @@ def planner_page(name: str) -> str:
         text = f"{drives.count('success')} of {len(drives)} crowds crossed with realistic sensing"
         text += f", {' and '.join(counts)}." if counts else "."
         watch = f" Watch it fail, or drive yourself: {', '.join(links)}." if links else ""
-        parts += ["## In the game of the start page", text + watch]
+        parts += ["## In the game of the start page", text + watch, f"<!-- figure: paths of {name} -->"]
     parts += ["## Options", _definitions(entries) if entries else "It has no options."]
     return "\n\n".join(parts) + "\n"
 
@@ -232,16 +231,26 @@ def _shape(annotation: object) -> str:
     return f"`[{', '.join(found[1].split())}]`" if found else ""
 
 
-def public_names() -> str:
-    """Return a directive of mkdocstrings for each public class and function, by the folder that it is imported from."""
-    stubs = Path(crowdbench.__file__).parent.glob("*/__init__.pyi")
-    doors = ["crowdbench", *sorted(f"crowdbench.{path.parent.name}" for path in stubs)]
-    parts = []
-    for door in doors:
+def names_by_task(page: str) -> str:
+    """Return the page of the Python API with the public classes and functions of each task below the table of the task.
+
+    They are directives of mkdocstrings. The names in the tables become links to them.
+    """
+    return "".join(_with_names(section) for section in re.split(r"^(?=## )", page, flags=re.MULTILINE))
+
+
+def _with_names(section: str) -> str:
+    """Return a section of the page of the Python API with its classes and functions."""
+    parts = [section.rstrip()]
+    for row, door, names in re.findall(r"^(\| `([\w.]+)` \| (.*) \|)$", section, re.MULTILINE):
         module = importlib.import_module(door)
-        names = [name for name in module.__all__ if _is_class_or_function(getattr(module, name))]
-        parts += [f"### From {door}", *(f"::: {door}.{name}" for name in names)]
-    return "\n\n".join(parts)
+        found = [name for name in re.findall(r"`(\w+)`", names) if _is_class_or_function(getattr(module, name))]
+        linked = row
+        for name in found:
+            linked = linked.replace(f"`{name}`", f"[`{name}`][{door}.{name}]", 1)
+        parts[0] = parts[0].replace(row, linked)
+        parts += [f"**From `{door}`**", *(f"::: {door}.{name}" for name in found)] if found else []
+    return "\n\n".join(parts) + "\n\n"
 
 
 def _is_class_or_function(public: object) -> bool:

@@ -51,7 +51,7 @@ def add_links(markdown: str) -> str:
         if cell:
             line = names.sub(lambda name: f"[{name[0]}]({link(name[1])})", cell[0]) + line[cell.end() :]
         lines.append(line)
-        if picture := re.match(r"( *)!\[.*\]\(noticing/(\w+)\.png\)", line):
+        if picture := re.match(r"( *)!\[.*\]\(noticing/(\w+)\.svg\)", line):
             lines += ["", f"{picture[1]}[Watch the case]({link(picture[2])})"]
     return "\n".join(lines)
 

@@ -109,20 +109,25 @@ class FilledCrowdsTable:
         return "\n\n".join([f"## {self.title}", *parts])
 
     def success(self) -> str:
-        """Return success by crowd and planner in GitHub's Markdown, a row for each crowd, with its highest in bold."""
-        rows = []
-        for crowd in self.crowds:
-            rates = [row[SUCCESS_RATE].mean for row in crowd.planners]
-            texts = map(SUCCESS.number, rates)
-            cells = [f"**{text}**" if rate == max(rates) else text for rate, text in zip(rates, texts, strict=True)]
-            rows.append([crowd.scenario, *cells])
-        return markdown([SUCCESS.heading, *(row["planner"] for row in self.crowds[0].planners)], rows)
+        """Return success by planner and crowd in GitHub's Markdown.
+
+        The planner with the highest mean comes first, and the highest success in each crowd is bold.
+        """
+        rates = np.array([[row[SUCCESS_RATE].mean for row in crowd.planners] for crowd in self.crowds])
+        highest, rows = rates.max(axis=1), []
+        for number in np.argsort(-rates.mean(axis=0), kind="stable").tolist():
+            texts = map(SUCCESS.number, rates[:, number].tolist())
+            is_best = rates[:, number] == highest
+            cells = [f"**{text}**" if best else text for text, best in zip(texts, is_best, strict=True)]
+            rows.append([self.crowds[0].planners[number]["planner"], *cells])
+        return markdown([SUCCESS.heading, *(crowd.scenario for crowd in self.crowds)], rows)
 
     def faults(self) -> str:
-        """Return the at-fault rate of each planner by threshold, over all crowds, in GitHub's Markdown."""
+        """Return the at-fault rate of each planner by threshold, over all crowds, the lowest first."""
         means = {name: np.mean([crowd.at_fault[name] for crowd in self.crowds], 0) for name in self.crowds[0].at_fault}
         header = ["at fault from a share of", *(f"{least:g}" for least in FAULTS)]
-        return markdown(header, [[name, *map(SUCCESS.amount, shares.tolist())] for name, shares in means.items()])
+        ordered = sorted(means.items(), key=lambda row: row[1][1])
+        return markdown(header, [[name, *map(SUCCESS.amount, shares.tolist())] for name, shares in ordered])
 
     def grids(self) -> list[Grid]:
         """Return its grids with a row for each planner."""
