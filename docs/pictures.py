@@ -1,4 +1,4 @@
-"""Draws the pictures of the docs: `python docs/pictures.py`, or some of them: `python docs/pictures.py suite.png`.
+"""Draws the pictures of the docs: `python docs/pictures.py`, or some of them: `python docs/pictures.py suite.svg`.
 
 Figures in SVG have the light palette, and the dark palette on dark pages.
 
@@ -30,7 +30,7 @@ DIFFERENCE = 2.0
 """Mean difference of channels, of 255, up to which pictures count as equal: machines differ in rounding."""
 
 PICTURES: dict[str, Callable[[Path], None]] = {
-    "suite.png": episode_pictures.draw_suite,
+    "suite.svg": episode_pictures.draw_suite,
     "cross_light.webp": functools.partial(draw_cross, "default"),
     "cross_dark.webp": functools.partial(draw_cross, "slate"),
     "card.png": draw_card,
