@@ -42,7 +42,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "decision.png": episode_pictures.draw_decision,
     "score.svg": draw_score,
     "ranks.svg": draw_ranks,
-    "success.png": curve_pictures.draw_success,
+    "success.svg": curve_pictures.draw_success,
     "ladders.svg": curve_pictures.draw_ladders,
     "../studies/dials/dial_density.png": curve_pictures.draw_dial,
     "../studies/li2020/figure3.png": functools.partial(episode_pictures.draw_paper, "circle_crossing_10", EVERY_STEP),

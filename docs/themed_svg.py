@@ -8,6 +8,9 @@ from crowdbench.drawing import DARK, LIGHT
 OTHERS = {
     "000000": "ffffff",
     "0072b2": "4da6de",
+    "e69f00": "f0b429",
+    "009e73": "2cc295",
+    "cc79a7": "e0a0c4",
     "1f6296": "74b6f2",
     "c2542d": "f0895f",
     "b0b0b0": "484e5a",
@@ -17,21 +20,47 @@ OTHERS = {
 }
 """Dark colours for those that are in no palette: axes, grids, series, and a field of view."""
 
-HEAD = r"<metadata>.*?</metadata>\s*|<\?xml.*?\?>\s*|<!DOCTYPE[^>]*>\s*"
-"""Parts that no browser needs."""
+WASTE = (
+    (r"<metadata>.*?</metadata>\s*|<\?xml.*?\?>\s*|<!DOCTYPE[^>]*>\s*|<!--.*?-->\s*", ""),
+    (r"\n\s+", "\n"),
+    (r' id="(?:patch|line2d|text|PathCollection|FillBetween\w*)_\d+"', ""),
+    (r"<g>\n(<(?:path|text)[^>]*(?:/>|>[^<]*</text>))\n</g>", r"\1"),
+    (r"; stroke-linejoin: miter", ""),
+    (r"font-family: [^;\"]*", "font-family: 'DejaVu Sans', sans-serif"),
+)
+"""Patterns of parts that no browser needs, and their replacements, in order."""
 
-LARGER = 1.6
-"""Size on a page, as a multiple of that on paper."""
+LARGER, MARGIN = 1.6, 4.0
+"""Size on a page, as a multiple of that on paper, and points by which a line is wider than its path."""
 
 
 def adapt(path: Path) -> None:
-    """Rewrite a figure larger, with two decimals, without metadata, and with a style for dark pages."""
-    text = re.sub(HEAD, "", path.read_text(), flags=re.DOTALL)
+    """Rewrite a figure, smaller, and with a style for dark pages."""
+    text = shrink(path.read_text())
     text = re.sub(
-        r'(?<=width=")[\d.]+(?=pt")|(?<=height=")[\d.]+(?=pt")', lambda size: _enlarge(size[0]), text, count=2
+        r'(?<= width=")[\d.]+(?=pt")|(?<= height=")[\d.]+(?=pt")', lambda size: _enlarge(size[0]), text, count=2
     )
-    text = re.sub(r'(?<= d=")[^"]*', lambda found: _shorten(found[0]), text)
-    path.write_text(text.replace("<defs>", f"<style>{_dark(text)}</style>\n <defs>", 1))
+    path.write_text(text.replace("<defs>", f"<style>{_dark(text)}</style>\n<defs>", 1))
+
+
+def shrink(text: str) -> str:
+    """Return a figure without metadata and paths outside of its panels, and with one decimal in paths."""
+    for pattern, replacement in WASTE:
+        text = re.sub(pattern, replacement, text, flags=re.DOTALL)
+    box = r'<clipPath id="(\w+)">\s*<rect x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"'
+    panels = {name: [float(value) for value in values] for name, *values in re.findall(box, text)}
+    clipped = re.compile(r'<path d="([^"]*)" clip-path="url\(#(\w+)\)"[^>]*/>\s*')
+    text = clipped.sub(lambda found: found[0] if _is_inside(found[1], panels[found[2]]) else "", text)
+    return re.sub(r'(?<= d=")[^"]*', lambda found: _shorten(found[0]), text)
+
+
+def _is_inside(path: str, panel: list[float]) -> bool:
+    """Return whether a part of a path may be inside of a panel, given as x, y, width and height."""
+    numbers = [float(number) for number in re.findall(r"-?\d+\.?\d*", path)]
+    return all(
+        max(values) > start - MARGIN and min(values) < start + size + MARGIN
+        for values, start, size in zip((numbers[::2], numbers[1::2]), panel[:2], panel[2:], strict=True)
+    )
 
 
 def _enlarge(size: str) -> str:
@@ -39,8 +68,8 @@ def _enlarge(size: str) -> str:
 
 
 def _shorten(path: str) -> str:
-    """Return the commands of a path with two decimals, on one line."""
-    short = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), path)
+    """Return the commands of a path with one decimal, on one line."""
+    short = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.1f}".rstrip("0").rstrip("."), path)
     return re.sub(r" ?\n", "", short).replace(" z", "z")
 
 

@@ -4,9 +4,11 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crowdbench.catalog import PLANNERS
+from crowdbench.export.replay_page import pack
 from crowdbench.plugins.kind import load_module
 from studies.publish import GENERATED, publish
 
@@ -142,3 +144,28 @@ def test_the_citation_file_has_the_version_of_the_project():
     citation = (ROOT / "CITATION.cff").read_text()
     assert re.findall(r"^version: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["version"]]
     assert re.findall(r"^license: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["license"]]
+
+
+def test_every_colour_of_a_figure_has_one_for_dark_pages():
+    figures = [path for path in DOCS.rglob("*.svg") if path.name != "favicon.svg" and not path.name.startswith("heat_")]
+    assert len(figures) > 20
+    for path in figures:
+        style, shapes = re.fullmatch(r"(.*?</style>)(.*)", path.read_text(), re.DOTALL).groups()
+        used = set(re.findall(r"(?:fill|stroke): #\w+", shapes))
+        assert used <= set(re.findall(r'\[style\*="((?:fill|stroke): #\w+)"\]', style)), path.name
+
+
+def test_the_pages_of_planners_read_the_tracks_that_the_game_has():
+    path_figure = load_module(DOCS / "path_figure.py")
+    values = np.array([[0, -3, 40], [1, 5000, -70000]])
+    assert (path_figure.unpack(pack(values)) == values.ravel()).all()
+    case = path_figure.read_case(0)
+    for planner in case["planners"]:
+        path = path_figure.track(planner["track"], path_figure.COARSE)
+        assert len(path) == planner["steps"] + 1
+        assert np.abs(path[0] - case["start"]).max() < 1e-3
+        if planner["outcome"] == "success":
+            assert np.hypot(*(path[-1] - case["goal"])) < case["radius"] + 1e-2
+    assert path_figure.chosen(["success"] * 30) == [0, 1, 2]
+    assert path_figure.chosen(["collision"] * 30) == [0, 1, 2]
+    assert path_figure.chosen(["success", "collision"] * 15) == [1, 3, 0]
