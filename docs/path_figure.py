@@ -1,6 +1,6 @@
 """Draws cases of the game of the start page on the page of each planner: its path, and the people at the end.
 
-The tracks are those of docs/cross/cases, as `cross_cases.py` packs them.
+The tracks come from docs/cross/cases, packed by `cross_cases.py`.
 """
 
 import functools
