@@ -47,9 +47,8 @@ class BoardSpec(TomlTable):
 
     `position` orders boards in lists. `recorded` is true if the scenarios need recorded tracks, and `ranked` if entries
     have ranks. A scenario such as `fleet_4+orca` has other vehicles, which a planner that ships drives. `public_cases`
-    is the number of public cases of each scenario. `cases` is the number of cases in a
-    season, on which entries are ranked by success. `track` is the track of sensing; without one, sensors are as in the
-    files of the scenarios.
+    is the number of public cases of each scenario. `cases` is the number of cases in a season, on which entries are
+    ranked. `track` is the track of sensing; without one, sensors are as in the files of the scenarios.
     """
 
     title: Name

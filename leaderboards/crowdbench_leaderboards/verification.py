@@ -286,7 +286,7 @@ def public_run(entry: Entry, board: Board, scenario: Scenario, episodes: Episode
         folder: The folder with its commands.
 
     Raises:
-        InputError: A command is none that a vehicle can execute.
+        InputError: A command is none that a vehicle can execute, or a case has too many.
     """
     run: dict[str, Any] = {"scenario": scenario.digest, "cases": str(board.public_cases)}
     run |= {"code": code(), "simulator": SIMULATOR}
@@ -308,6 +308,10 @@ def public_run(entry: Entry, board: Board, scenario: Scenario, episodes: Episode
 
 def _add_others(scenario: Scenario, cases: Cases, path: Path) -> None:
     """Add the commands of the other vehicles, which a planner that ships drives, to the file of the first."""
-    first = Playback(read_commands(path).pad(cases, scenario.rules.max_steps))
-    trace = rollout(first, scenario, cases, others=others_in(scenario.name), undisturbed=False)
+    commands, most = read_commands(path), scenario.rules.max_steps
+    if (commands.steps > most).any():
+        raise InputError(f"a case has more than {most} commands")
+    trace = rollout(
+        Playback(commands.pad(cases, most)), scenario, cases, others=others_in(scenario.name), undisturbed=False
+    )
     write_commands([commands_table(trace)], path)

@@ -76,6 +76,16 @@ def test_public_cases_have_the_commands_of_the_vehicles_of_the_entry(entered):
     assert replay_public(entry, board).keys() == set(board.scenarios)
 
 
+@pytest.mark.parametrize("command", [[0.0] * 2000, [0.0] * 3, [9.0, 9.0], [float("nan")] * 2, []])
+def test_no_command_of_a_stranger_stops_the_pages(command, entered, tmp_path):
+    _, entry, board = entered
+    path, before = entry.directory / "public.parquet", (entry.directory / "public.parquet").read_bytes()
+    change_rows(path, "command", lambda rows: [*rows[:-1], command])
+    problems = write_replay(board, [entry], tmp_path / "page")
+    path.write_bytes(before)
+    assert problems.keys() == {"mine"}
+
+
 @needs_sandbox
 @pytest.mark.slow
 def test_a_command_or_a_score_that_was_changed_is_not_reproduced(entered, tmp_path):
