@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.geometry import norm
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome, World
+from crowdbench.metrics.score import close_seconds
 from crowdbench.plugins.kind import Kind
 from crowdbench.sim.pedestrians.policy import moment_of
 from crowdbench.sim.routes import goals_on_way
@@ -27,6 +28,10 @@ PROGRESS = 0.2
 
 COLLISION = -0.5
 """Reward of `progress` for a collision."""
+
+
+SECOND = 0.03
+"""Reward of `scored`, times -1, per second, and per second close to a pedestrian."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,22 @@ def safe_progress(step: Step) -> Float[np.ndarray, "world"]:
     return np.where(step.collided, -3.0, crowdnav(step)) + PROGRESS * step.progress - 0.02 * (change**2).sum(axis=1)
 
 
+def scored(step: Step) -> Float[np.ndarray, "world"]:
+    """Return the reward `safe_progress`, less 0.03 per second and per second close to pedestrians, as in the score.
+
+    The score counts a second close to a pedestrian as a second of travel time (`crowdbench.metrics.score`).
+    """
+    moments = step.before, step.after
+    is_there = np.stack([world.present[..., None] for world in moments], axis=1)
+    position = np.where(is_there, np.stack([world.position for world in moments], axis=1), np.nan)
+    velocity, heading, radius, person = (
+        np.stack([getattr(world, name) for world in moments], axis=1)
+        for name in ("velocity", "heading", "radius", "person")
+    )
+    close = close_seconds(position, velocity, heading, radius, person, np.ones(len(step), np.int64), step.after.rules)
+    return safe_progress(step) - SECOND * (step.dt + close)
+
+
 def crowdnav_plus(step: Step) -> Float[np.ndarray, "world"]:
     """Return the reward of CrowdNav++ (Liu et al. 2023, equations 3 to 5), with the values of its code.
 
@@ -130,7 +151,13 @@ def _predicted_contact(world: World) -> Float[np.ndarray, "world"]:
 REWARDS = Kind(
     "reward",
     "reward",
-    {"crowdnav": crowdnav, "progress": progress, "safe_progress": safe_progress, "crowdnav_plus": crowdnav_plus},
+    {
+        "crowdnav": crowdnav,
+        "progress": progress,
+        "safe_progress": safe_progress,
+        "scored": scored,
+        "crowdnav_plus": crowdnav_plus,
+    },
 )
 
 

@@ -11,11 +11,11 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from crowdbench.core.dynamics.kernels import HOLONOMIC, along_arc, signed_speed
 from crowdbench.core.geometry import turn
-from crowdbench.core.types import Trace
+from crowdbench.core.types import Rules, Trace
 from crowdbench.metrics.info import describe
 from crowdbench.metrics.outcomes import success_rate, t_empty
 from crowdbench.utils.compiled import njit
@@ -58,11 +58,23 @@ def worst_score(trace: Trace) -> Float[np.ndarray, "world"]:
 
 def _seconds_close(trace: Trace) -> Float[np.ndarray, "world"]:
     """Return the seconds close to pedestrians, see `t_close`."""
-    seconds = np.zeros(len(trace))
-    states = trace.position, trace.velocity, trace.heading, np.ascontiguousarray(trace.radius)
-    people = np.ascontiguousarray(trace.person), trace.steps
-    rules = trace.rules.numbers
-    fill_close_seconds(*states, *people, rules.body, rules.code != HOLONOMIC, rules.dt, seconds)
+    states = trace.position, trace.velocity, trace.heading, trace.radius
+    return close_seconds(*states, trace.person, trace.steps, trace.rules)
+
+
+def close_seconds(
+    position: Float[np.ndarray, "world time agent 2"],
+    velocity: Float[np.ndarray, "world time agent 2"],
+    heading: Float[np.ndarray, "world time"],
+    radius: Float[np.ndarray, "world time agent"],
+    person: Int[np.ndarray, "world time pedestrian"],
+    steps: Int[np.ndarray, "world"],
+    rules: Rules,
+) -> Float[np.ndarray, "world"]:
+    """Return the seconds close to pedestrians in the first `steps` steps of each world, see `t_close`."""
+    seconds, numbers = np.zeros(len(steps)), rules.numbers
+    states = position, velocity, heading, np.ascontiguousarray(radius), np.ascontiguousarray(person)
+    fill_close_seconds(*states, steps, numbers.body, numbers.code != HOLONOMIC, numbers.dt, seconds)
     return seconds
 
 

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.types import Observation
 from crowdbench.envs.rewards import CheckedReward, Step
 from crowdbench.envs.training_worlds import Driven, TrainingWorlds
 from crowdbench.networks.features import Features
-from crowdbench.planners.filtered import KalmanFilter
 from crowdbench.planners.scan_interface import ScanInterface
 from crowdbench.planners.trained_policy import PolicyInterface
 from crowdbench.predict.linear import ConstantVelocity
@@ -41,8 +39,6 @@ def make_interface(network: str, scenarios: Sequence[Scenario]) -> PolicyInterfa
 class PolicyWorlds:
     """Training worlds of a scenario. A world with an ended episode starts the next one.
 
-    Observations of a limited sensor are filtered for a policy with a memory, as by `FilteredPlanner`.
-
     Args:
         scenario: The scenario.
         rows: The rows of the worlds in the batch of all scenarios.
@@ -62,18 +58,16 @@ class PolicyWorlds:
         self.rows = rows
         self.worlds = TrainingWorlds(len(rows), View(scenario, action="velocity"), reward, cases)
         self._interface = interface
-        self._filter = KalmanFilter()
 
     def restart(self, seed: int) -> None:
         """Draw training cases with a seed, and start new episodes in all worlds."""
         self.worlds.seed(seed)
         self.worlds.start()
-        self._filter.reset(self.rows)
         self._interface.reset(self.rows)
 
     def observe(self) -> Features:
         """Return the present input of the policy in each world."""
-        self._observed = self._filtered(observe(self.worlds.worlds))
+        self._observed = observe(self.worlds.worlds)
         features = self._interface(self._observed)
         self._axis = features.axis
         return features
@@ -84,14 +78,8 @@ class PolicyWorlds:
 
     def observe_last(self, step: Step, rows: Int[np.ndarray, "row"]) -> Features:
         """Return the input of the policy after a step in some of its worlds, before the next episode there."""
-        return self._interface(self._filtered(observe(step.after.take(rows), rows)))
+        return self._interface(observe(step.after.take(rows), rows))
 
     def forget(self, ended: Bool[np.ndarray, "world"]) -> None:
         """Forget the measurements of ended episodes."""
-        self._filter.forget(np.flatnonzero(ended))
         self._interface.forget(np.flatnonzero(ended))
-
-    def _filtered(self, obs: Observation) -> Observation:
-        if self._interface.predictor is None or obs.sensor.sees_all:
-            return obs
-        return self._filter.filter(obs)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,13 +26,13 @@ from crowdbench.envs.training_worlds import CASES
 from crowdbench.networks.chunks import in_chunks, one_torch_thread
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Policy, Seen
-from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.trained_policy import NetworkPlanner
 from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.options import Option
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.runs.trial import try_reward
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.train.config import PPOConfig
 from crowdbench.train.driving import DrivingTraining, describe_scenario
 from crowdbench.train.experience import Experience
@@ -125,13 +125,12 @@ class PPOTraining(DrivingTraining):
         self.current = self.network.policy
         make = functools.partial(make_interface, config.network, scenarios)
         self.interface = make()
-        # The first scenarios have one more world if worlds cannot be shared evenly.
-        shares = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
+        shares = _share_worlds(self.parameters.worlds, scenarios)
         cases, reward = max(CASES // len(scenarios), FEWEST_CASES), load_reward(config.reward)
         try_reward(reward, self.scenario)
         self.worlds = [
             PolicyWorlds(scenario, rows, cases, reward, make())
-            for scenario, rows in zip(scenarios, shares, strict=True)
+            for scenario, rows in shares
         ]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.parameters.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
@@ -263,8 +262,7 @@ class PPOTraining(DrivingTraining):
 
     def planner(self, network: Policy) -> Planner:
         """See `DrivingTraining`."""
-        planner = NetworkPlanner(network, self.interface, self.config.network)
-        return FilteredPlanner(planner) if network.remembered else planner
+        return NetworkPlanner(network, self.interface, self.config.network)
 
     def conditions(self) -> dict[str, Any]:
         """See `DrivingTraining`."""
@@ -279,6 +277,19 @@ class PPOTraining(DrivingTraining):
             if file is not None:
                 conditions[f"{name}_files"] = read_files(file)
         return conditions
+
+
+def _share_worlds(worlds: int, scenarios: Sequence[Scenario]) -> list[tuple[Scenario, np.ndarray]]:
+    """Return each scenario, once, with its rows of the batch: more rows for a scenario that is given several times."""
+    # The first scenarios have one more world if worlds cannot be shared evenly.
+    sizes = [len(rows) for rows in np.array_split(np.arange(worlds), len(scenarios))]
+    shares: dict[str, tuple[Scenario, int]] = {}
+    for scenario, size in zip(scenarios, sizes, strict=True):
+        key = repr(describe_scenario(scenario))
+        shares[key] = scenario, size + (shares[key][1] if key in shares else 0)
+    ends = np.cumsum([size for _, size in shares.values()])
+    rows = np.split(np.arange(worlds), ends[:-1])
+    return [(scenario, part) for (scenario, _), part in zip(shares.values(), rows, strict=True)]
 
 
 def advantages(
