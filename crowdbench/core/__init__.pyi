@@ -15,6 +15,8 @@ from .geometry import nearest_in_step as nearest_in_step
 from .geometry import norm as norm
 from .geometry import pad_arrays as pad_arrays
 from .geometry import toward_goal as toward_goal
+from .kalman import extrapolate_covariance as extrapolate_covariance
+from .kalman import gain as gain
 from .reward import discount as discount
 from .rng import SPLITS as SPLITS
 from .rng import case_keys as case_keys

@@ -1,6 +1,5 @@
-from .filtered import FilteredPlanner as FilteredPlanner
-from .filtered import RadiusInflation as RadiusInflation
-from .filtered import radius_inflation as radius_inflation
+from .inflation import RadiusInflation as RadiusInflation
+from .inflation import radius_inflation as radius_inflation
 from .kce import ChangeCost as ChangeCost
 from .kce import Exploration as Exploration
 from .kce import Limits as Limits

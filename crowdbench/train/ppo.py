@@ -128,10 +128,7 @@ class PPOTraining(DrivingTraining):
         shares = _share_worlds(self.parameters.worlds, scenarios)
         cases, reward = max(CASES // len(scenarios), FEWEST_CASES), load_reward(config.reward)
         try_reward(reward, self.scenario)
-        self.worlds = [
-            PolicyWorlds(scenario, rows, cases, reward, make())
-            for scenario, rows in shares
-        ]
+        self.worlds = [PolicyWorlds(scenario, rows, cases, reward, make()) for scenario, rows in shares]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.parameters.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
         self.returns: list[float] = []

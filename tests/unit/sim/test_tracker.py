@@ -12,7 +12,6 @@ from crowdbench.core.types import HISTORY, Detector, Rules, Sensor
 from crowdbench.drawing import Moment, measured_rings
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.planners.planner import Planner
 from crowdbench.record.entities import draw_episode
 from crowdbench.results.compare import compare
@@ -286,11 +285,6 @@ def test_runs_of_raw_planners_are_marked_and_compared_with_others(tmp_path):
     trace, _ = stored_case(stored, lambda run: load_scenario("circle_crossing_5", overrides), 3)
     assert trace.rules.sensor.detector.raw
     assert RunResult.read(tmp_path / "perfect").label == "OwnTracker"
-
-
-def test_a_filter_does_not_change_tracks():
-    options = {"scenario": "circle_crossing_5", "sensor__detector": {}}
-    assert same(drive("orca", "val:2", **options), drive(FilteredPlanner(load_planner("orca")), "val:2", **options))
 
 
 @pytest.mark.parametrize("key", ["noise", "missed", "remember"])

@@ -10,9 +10,9 @@ from lookahead_scenes import DT, crowded
 from crowdbench.catalog import load_planner
 from crowdbench.core.kalman import ACCELERATION
 from crowdbench.core.types import HISTORY, Noise, Sensor
-from crowdbench.planners.filtered import EXACT, MEMORY, FilteredPlanner, KalmanFilter
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import ORCAPlanner
+from studies.filtered import EXACT, MEMORY, FilteredPlanner, KalmanFilter
 
 NOISE = Noise(position=0.2, velocity=0.4)
 
@@ -121,5 +121,5 @@ def test_a_vehicle_stands_until_the_first_measurements_can_arrive():
 
 
 def test_the_filtered_planner_of_studies_is_the_named_one_behind_the_filter():
-    file = str(Path(__file__).parents[3] / "studies" / "filtered.py")
+    file = str(Path(__file__).parents[2] / "studies" / "filtered.py")
     assert isinstance(load_planner(file, {"name": "orca"}).planner, ORCAPlanner)

@@ -1,0 +1,19 @@
+"""Enlargements of pedestrians' radii for uncertain positions."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.types import Observation
+
+RadiusInflation = Float[np.ndarray, "#world #time #pedestrian"]
+"""Enlargements of the pedestrians' radii in metres, for uncertain future positions."""
+
+
+def radius_inflation(obs: Observation, steps: int, sigma_factor: float) -> RadiusInflation:
+    """Return `sigma_factor` standard deviations of pedestrians' positions in the next steps; 0 without a filter."""
+    if obs.pedestrians.deviation is None:
+        return np.zeros((1, 1, 1))
+    position, velocity = np.moveaxis(obs.pedestrians.deviation[:, None], -1, 0)
+    return sigma_factor * np.hypot(position, obs.dt * np.arange(1, steps + 1)[:, None] * velocity)
