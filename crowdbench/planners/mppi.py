@@ -11,8 +11,8 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.chunks import CHUNK, in_chunks
-from crowdbench.planners.inflation import RadiusInflation, radius_inflation
 from crowdbench.planners.hidden import hidden_scene
+from crowdbench.planners.inflation import RadiusInflation, radius_inflation
 from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of

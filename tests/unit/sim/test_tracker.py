@@ -7,7 +7,7 @@ import pytest
 from helpers import drive, same, world
 
 from crowdbench.api import run
-from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.catalog import load_scenario
 from crowdbench.core.types import HISTORY, Detector, Rules, Sensor
 from crowdbench.drawing import Moment, measured_rings
 from crowdbench.envs.parallel import parallel_env
