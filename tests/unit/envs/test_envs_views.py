@@ -15,16 +15,21 @@ from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import (
     COLLISION,
     PROGRESS,
+    SECOND,
     CheckedReward,
     Step,
     crowdnav,
     crowdnav_plus,
     load_reward,
     progress,
+    safe_progress,
+    scored,
 )
 from crowdbench.envs.stable_baselines import CrowdVecEnv
+from crowdbench.envs.stepping import drive
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
+from crowdbench.metrics.score import close_seconds
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features
 from crowdbench.networks.policy import Seen
@@ -34,7 +39,7 @@ from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.views.actions import ACTIONS
 from crowdbench.views.ego import ego_views
-from crowdbench.views.view import OBSERVATIONS
+from crowdbench.views.view import OBSERVATIONS, View
 
 ID = "crowdbench/Vehicle-v0"
 
@@ -92,7 +97,7 @@ def test_many_worlds_show_what_one_world_shows(observation):
     [
         (
             {"reward": "nothing"},
-            r"^no reward is called 'nothing'; there are crowdnav, progress, safe_progress, crowdnav_plus, or give",
+            r"^no reward is called 'nothing'; there are crowdnav, progress, safe_progress, scored, crowdnav_plus, or",
         ),
         ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict, lidar$"),
         ({"nearest": 0}, r"^nearest is 0, but must be a whole number from 1 to 10000$"),
@@ -132,6 +137,22 @@ def test_progress_pays_for_metres_and_collisions():
     np.testing.assert_allclose(progress(a_step(Outcome.SUCCESS)), 1.0 + PROGRESS * 0.25)
     np.testing.assert_allclose(progress(a_step(Outcome.COLLISION)), COLLISION + PROGRESS * 0.25)
     np.testing.assert_allclose(crowdnav(a_step(Outcome.COLLISION)), -0.25)
+
+
+@pytest.mark.parametrize("scenario", ["streets_16", "car_28"])
+def test_the_reward_scored_takes_the_seconds_of_the_score(scenario):
+    view = View(load_scenario(scenario), action="velocity")
+    seen, paid = [view.scenario.worlds(Cases("val", 0, 3))], 0.0
+    for _ in range(30):
+        driven = drive(view, seen[-1], np.tile([0.5, 0.5], (3, 1)))
+        paid += safe_progress(driven) - scored(driven)
+        seen.append(driven.after)
+    states = (np.stack([getattr(world, name) for world in seen], axis=1) for name in ("heading", "radius", "person"))
+    position = np.stack([np.where(world.present[..., None], world.position, np.nan) for world in seen], axis=1)
+    velocity = np.stack([world.velocity for world in seen], axis=1)
+    close = close_seconds(position, velocity, *states, np.full(3, 30), seen[0].rules)
+    assert close.max() > 0.5
+    np.testing.assert_allclose(paid, SECOND * (30 * seen[0].rules.dt + close))
 
 
 def test_the_reward_of_crowdnav_plus_pays_for_metres_or_distance_and_for_predicted_contacts():
