@@ -68,15 +68,15 @@ class HybridPlanner(MPPIPlanner):
     def optimize(
         self,
         scene: Scene,
-        inflation: RadiusInflation,
+        halo: RadiusInflation,
         hidden: Scene | None,
         guesses: Sequences,
         noise: Float[np.ndarray, "world round sample time 2"],
     ) -> tuple[Sequence, Float[np.ndarray, "world candidate time 3"]]:
         """See `MPPIPlanner`."""
-        best, paths = super().optimize(scene, inflation, hidden, guesses, noise)
+        best, paths = super().optimize(scene, halo, hidden, guesses, noise)
         compared = np.concatenate([guesses[:, -2 * len(HOLDS) :], best[:, None]], axis=1)
-        cost, _ = self.costs(scene, compared, inflation, hidden)
+        cost, _ = self.costs(scene, compared, halo, hidden)
         cost[:, -1] += self.patience
         return compared[np.arange(len(best)), cost.argmin(axis=1)], paths
 

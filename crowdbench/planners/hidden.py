@@ -16,6 +16,12 @@ from crowdbench.utils.compiled import njit
 RADIUS = 0.3
 """Radius of the virtual pedestrian in metres, and its largest distance from the route."""
 
+UNTRACKED = 2
+"""Steps in which a pedestrian comes out of hiding before a tracker shows it."""
+
+SPEED = 1.2
+"""Speed of the virtual pedestrian in m/s in these steps."""
+
 STEP = 0.1
 """Distance in metres between the points of the route that are checked."""
 
@@ -24,7 +30,7 @@ def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
     """Return the scene with a virtual pedestrian that may be hidden, and without other pedestrians.
 
     The pedestrian stands at the first point of the route where walls would hide it from the vehicle. It occupies a disc
-    that extends `RADIUS` beyond its own disc. Worlds in which the whole route is visible have no pedestrian.
+    that extends `RADIUS` beyond its own disc, and farther if the sensor is a detector, whose tracks begin late. Worlds in which the whole route is visible have no pedestrian.
 
     Args:
         obs: The present observation.
@@ -41,7 +47,8 @@ def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
     _find_hidden(*map(np.ascontiguousarray, arrays), point, exists)
     steps = scene.crowd.position.shape[2]
     position = np.ascontiguousarray(np.broadcast_to(point[:, None, None, None], (worlds, 1, steps, 1, 2)))
-    crowd = Crowd(position, np.zeros((worlds, 1, 1, 2)), np.full((worlds, 1), 2.0 * RADIUS), exists)
+    radius = 2.0 * RADIUS if obs.sensor.detector is None else 2.0 * RADIUS + UNTRACKED * obs.dt * SPEED
+    crowd = Crowd(position, np.zeros((worlds, 1, 1, 2)), np.full((worlds, 1), radius), exists)
     return dataclasses.replace(scene, crowd=crowd)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.dynamics import Holonomic
-from crowdbench.core.geometry import toward_goal
+from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.planners.hidden import hidden_scene
@@ -64,14 +64,17 @@ class MPPIWeights:
     """Costs of a sequence, as equivalent additional travel time in seconds.
 
     Attributes:
-        contact: A collision with a pedestrian in the first step [s].
+        contact: A collision with a pedestrian in the first step, at the preferred speed [s].
+        standing: Share of it that a collision of a standing vehicle costs, which is not at fault [1].
         fading: Factor on the costs of contacts and gaps for each step ahead, because the prediction is less certain
             [1].
         wall: A collision with an obstacle [s].
         near: A step with a gap of 0; the cost decreases quadratically to 0 at the margin [s].
         margin: Width of the margin in the first step [m].
         growth: Increase of this width for each second ahead [m/s].
-        sigma_factor: Number of standard deviations of positions by which a filter enlarges pedestrians' radii [1].
+        sigma_factor: Radius of the halo of a tracked pedestrian, in standard deviations of its position. Gaps are
+            those to halos; a collision is one with the pedestrian [1].
+        uncertain: A step inside a halo, for each metre of depth [s/m].
         change: A change of a command by its whole range; the cost is quadratic [s].
         jerk: A change of this change; the cost is quadratic [s].
 
@@ -80,12 +83,14 @@ class MPPIWeights:
     """
 
     contact: float = 60.0
+    standing: float = 1.0
     fading: float = 0.8
     wall: float = 200.0
     near: float = 6.0
     margin: float = 0.03
     growth: float = 0.35
     sigma_factor: float = 0.7
+    uncertain: float = 0.0
     change: float = 0.15
     jerk: float = 0.1
 
@@ -141,8 +146,8 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             futures = Prediction(prediction.position[part], prediction.velocity[part])
             chunk = obs.take(part)
             scene = scene_of(chunk, futures, 0, chunk.vehicle, self.horizon)
-            inflation = radius_inflation(chunk, self.horizon, self.weights.sigma_factor)
-            best[part], paths = self.optimize(scene, inflation, hidden_scene(chunk, scene), first[part], noise[part])
+            halo = radius_inflation(chunk, self.horizon, self.weights.sigma_factor)
+            best[part], paths = self.optimize(scene, halo, hidden_scene(chunk, scene), first[part], noise[part])
             order = np.argsort(-paths[:, :, 0, 2], axis=1, kind="stable")[:, : shown.shape[1], None, None]
             shown[part] = np.take_along_axis(paths, order, axis=1)
             if obs.logs is not None:
@@ -177,7 +182,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         return np.concatenate([noise, -noise], axis=2)[:, :, : self.search.samples]
 
     def optimize(
-        self, scene: Scene, inflation: RadiusInflation, hidden: Scene | None, guesses: Sequences, noise: Noise
+        self, scene: Scene, halo: RadiusInflation, hidden: Scene | None, guesses: Sequences, noise: Noise
     ) -> tuple[Sequence, Float[np.ndarray, "world candidate time 3"]]:
         """Return the selected sequence of each world, and the paths of the samples of the last round.
 
@@ -185,30 +190,30 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
 
         Args:
             scene: The vehicles and the pedestrians.
-            inflation: The enlargement of each pedestrian's radius in each step.
+            halo: The width of each pedestrian's halo in each step, in metres.
             hidden: The scene with the virtual pedestrian that walls may hide.
             guesses: Sequences of commands with which the search begins.
             noise: Noise of standard deviation 1.
         """
         spread = self.search.spread * _range(scene)[:, None, None]
         candidates, world = guesses, np.arange(len(guesses))
-        cost, _ = self.costs(scene, guesses, inflation, hidden)
+        cost, _ = self.costs(scene, guesses, halo, hidden)
         for number in range(self.search.rounds):
             centre = candidates[world, cost.argmin(axis=1)]
             deviation = self.search.narrower**number * spread * noise[:, number]
             sampled = limit_commands(centre[:, None] + deviation, scene.vehicle)
             tried = np.concatenate([sampled, centre[:, None]], axis=1)
-            cost, result = self.costs(scene, tried, inflation, hidden)
+            cost, result = self.costs(scene, tried, halo, hidden)
             weight = np.exp((cost.min(axis=1, keepdims=True) - cost) / self.search.temperature)
             mean = (weight[..., None, None] * tried).sum(axis=1) / weight.sum(axis=1)[:, None, None]
             candidates = np.stack([mean, tried[world, cost.argmin(axis=1)]], axis=1)
             values = -np.repeat(cost[..., None, None], noise.shape[3], axis=2)
             paths = np.concatenate([result.motion[:, :, 1:, :2], values], axis=3)
-            cost, _ = self.costs(scene, candidates, inflation, hidden)
+            cost, _ = self.costs(scene, candidates, halo, hidden)
         return candidates[world, cost.argmin(axis=1)], paths
 
     def costs(
-        self, scene: Scene, commands: Sequences, inflation: RadiusInflation, hidden: Scene | None = None
+        self, scene: Scene, commands: Sequences, halo: RadiusInflation, hidden: Scene | None = None
     ) -> tuple[Costs, SequenceResult]:
         """Return the costs of sequences in seconds, see `MPPIWeights`, and their simulated results.
 
@@ -217,24 +222,28 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         Args:
             scene: The vehicles and the pedestrians.
             commands: Commands of the vehicle's dynamics.
-            inflation: The enlargement of each pedestrian's radius in each step.
+            halo: The width of each pedestrian's halo in each step, in metres.
             hidden: The scene with the virtual pedestrian.
         """
-        result = try_sequences(scene, commands, inflation)
-        cost = self._nearness(result, scene.dt) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
+        result = try_sequences(scene, commands, halo=halo)
+        cost = self._nearness(scene, result) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
         if hidden is not None:
-            cost += self._nearness(try_sequences(hidden, commands), scene.dt)
+            cost += self._nearness(hidden, try_sequences(hidden, commands))
         arrived, whole = result.outcome == Outcome.SUCCESS, scene.dt * commands.shape[2]
         cost += np.where(arrived, scene.dt * result.steps, whole + time_left(scene, result)[..., None])
         return self._over_futures(cost) + self._roughness(scene, commands), result
 
-    def _nearness(self, result: SequenceResult, dt: float) -> Float[np.ndarray, "world sequence mode"]:
+    def _nearness(self, scene: Scene, result: SequenceResult) -> Float[np.ndarray, "world sequence mode"]:
         """Return the costs of small gaps to pedestrians and of contacts."""
         weights, time = self.weights, np.arange(result.gap.shape[-1])
-        inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / (weights.margin + weights.growth * dt * time), 0.0)
-        near = weights.near * (weights.fading**time * inside**2).sum(axis=-1)
+        margin, fading = weights.margin + weights.growth * scene.dt * time, weights.fading**time
+        inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / margin, 0.0)
+        near = weights.near * inside**2 + weights.uncertain * np.maximum(-result.gap, 0.0)
+        speed = norm(np.take_along_axis(result.motion[..., 2:4], result.steps[..., None], axis=2))
+        share = np.minimum(speed / scene.vehicle.preferred_speed[:, None, None], 1.0)
+        contact = weights.contact * (weights.standing + (1.0 - weights.standing) * share)
         hit = result.outcome == Outcome.COLLISION
-        return np.asarray(near + hit * weights.contact * weights.fading ** (result.steps - 1))
+        return np.asarray((fading * near).sum(axis=-1) + hit * contact * weights.fading ** (result.steps - 1))
 
     def _over_futures(self, cost: Float[np.ndarray, "world sequence mode"]) -> Costs:
         """Return the mean cost over the worst futures of each sequence."""

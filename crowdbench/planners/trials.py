@@ -156,7 +156,8 @@ class SequenceResult(NamedTuple):
     Attributes:
         outcome: The `Outcome` after the last step, never a time-out.
         steps: Number of steps until it ends, or all of them.
-        gap: Smallest distance in metres to a pedestrian's rim in each step, minus the margin; infinite after the end.
+        gap: Smallest distance in metres to a pedestrian's rim in each step, minus margin and halo; infinite after the
+            end.
         motion: The vehicle's `Motion` before the first step and after each one, also after the end; the heading of a
             holonomic vehicle is not updated.
     """
@@ -167,8 +168,11 @@ class SequenceResult(NamedTuple):
     motion: Float[np.ndarray, "world sequence state 6"]
 
 
+Enlargement = Float[np.ndarray, "#world #time #pedestrian"] | float
+
+
 def try_sequences(
-    scene: Scene, commands: Sequences, margin: Float[np.ndarray, "#world #time #pedestrian"] | float = 0.0
+    scene: Scene, commands: Sequences, margin: Enlargement = 0.0, halo: Enlargement = 0.0
 ) -> SequenceResult:
     """Simulate sequences of commands, with the simulator's rules for collisions and the goal.
 
@@ -176,6 +180,7 @@ def try_sequences(
         scene: The vehicle and the pedestrians.
         commands: Commands of the vehicle's dynamics.
         margin: Enlargement of the radius of each pedestrian in each step, in metres; a number, or an array.
+        halo: The same, for gaps only: the vehicle collides with pedestrians, not with their halos.
     """
     worlds, sequences, steps = commands.shape[:3]
     shape = worlds, sequences, scene.crowd.position.shape[1]
@@ -185,9 +190,12 @@ def try_sequences(
         np.full((*shape, steps), np.inf),
         np.empty((worlds, sequences, steps + 1, 6)),
     )
-    margin = np.broadcast_to(margin, (worlds, steps, scene.crowd.radius.shape[1]))
-    radius = np.ascontiguousarray(scene.crowd.radius[:, None] + margin)
-    _try_sequences(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, radius, result)
+    each = worlds, steps, scene.crowd.radius.shape[1]
+    radius = scene.crowd.radius[:, None] + np.broadcast_to(margin, each)
+    outer = radius + halo
+    has_halo = bool(np.any(outer != radius))
+    radii = np.ascontiguousarray(radius), np.ascontiguousarray(outer), has_halo
+    _try_sequences(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, radii, result)
     return result
 
 
@@ -213,13 +221,16 @@ def local_goals_at(scene: Scene, position: Float[np.ndarray, "world n 2"]) -> Fl
 
 @no_type_check
 @njit(nogil=True)
-def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, result):
-    """See `try_sequences`; `people_radius` is `[world, time, pedestrian]`. Fills the result."""
+def _try_sequences(vehicle, crowd, obstacles, dt, commands, people, result):
+    """See `try_sequences`. Fills the result.
+
+    `people` has the radii `[world, time, pedestrian]` without and with halos, and whether they differ.
+    """
     code, limits, body, position, radius = vehicle.code, vehicle.limits, vehicle.body, crowd.position, vehicle.radius
     agents, horizon, running = 1 + position.shape[3], commands.shape[2], Outcome.RUNNING.value
     start, motion = np.empty((agents, 2)), np.empty((agents, 2))
     radii, present = np.empty(agents), np.ones(agents, np.bool_)
-    discs = Discs(start, motion, radii, present)
+    discs, (people_radius, halo_radius, has_halo) = Discs(start, motion, radii, present), people
     # Start and displacement of each disc of the body in each step.
     chord, to_walls = np.empty((horizon, len(body), 4)), np.full(horizon, np.inf)
     for w in range(len(commands)):
@@ -242,19 +253,27 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
                 t = 0
                 while t < horizon and ended == running:
                     fill_crowd(position, w, m, t, start, motion)
-                    for p in range(agents - 1):
-                        radii[1 + p] = people_radius[w, t, p]
-                    gap = np.inf
-                    for x, y, dx, dy in chord[t]:
-                        start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = x, y, dx, dy
-                        gap = min(gap, nearest_in_step(0, discs)[0])
+                    gap = _gap_in_step(chord[t], people_radius[w, t], discs)
+                    result.gap[w, s, m, t] = _gap_in_step(chord[t], halo_radius[w, t], discs) if has_halo else gap
                     dx, dy = vehicle.goal[w, 0] - path[t + 1, 0], vehicle.goal[w, 1] - path[t + 1, 1]
-                    result.gap[w, s, m, t] = gap
                     # A contact is a prediction, a wall is certain: if a step has both, the wall counts.
                     contact = gap if to_walls[t] >= 0.0 else np.inf
                     ended = step_outcome(contact, to_walls[t], dx, dy, vehicle.goal_tolerance[w], _NOT_LAST)
                     t += 1
                 result.outcome[w, s, m], result.steps[w, s, m] = ended, t
+
+
+@no_type_check
+@njit(nogil=True)
+def _gap_in_step(chords, people_radius, discs):
+    """Return the smallest gap in a step between the discs of a body and pedestrians of the given radii."""
+    gap = np.inf
+    for p in range(len(people_radius)):
+        discs.radius[1 + p] = people_radius[p]
+    for x, y, dx, dy in chords:
+        discs.position[0, 0], discs.position[0, 1], discs.motion[0, 0], discs.motion[0, 1] = x, y, dx, dy
+        gap = min(gap, nearest_in_step(0, discs)[0])
+    return gap
 
 
 @no_type_check

@@ -176,6 +176,12 @@ def test_what_moves_while_its_scenario_is_the_same_asks_for_another_version_of_t
     assert episodes.differences(recorded, found) == [CHANGED[change]]
 
 
+def test_only_planners_that_are_named_may_drive_otherwise():
+    assert episodes.is_planner_s(f"a test:0:1 orca {episodes.MOVED}", ["mppi", "orca"])
+    assert not episodes.is_planner_s(f"a test:0:1 orca_margin {episodes.MOVED}", ["orca"])
+    assert not episodes.is_planner_s("a is a new or another scenario: record anew", ["anew"])
+
+
 @pytest.mark.nightly
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="needs a processor of x86-64")
 def test_episodes_have_the_same_bits_without_avx_and_fma():

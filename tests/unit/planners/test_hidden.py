@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from lookahead_scenes import crowded
 
-from crowdbench.core.types import PERFECT_SENSOR, Sensor
-from crowdbench.planners.hidden import RADIUS, STEP, hidden_scene
+from crowdbench.core.types import PERFECT_SENSOR, Detector, Sensor
+from crowdbench.planners.hidden import RADIUS, SPEED, STEP, UNTRACKED, hidden_scene
 from crowdbench.planners.mppi import MPPIPlanner
 from crowdbench.planners.scene import scene_of
 from crowdbench.predict.linear import ConstantVelocity
@@ -55,6 +55,12 @@ def test_somebody_stands_where_the_route_leaves_the_sight():
 
     assert not sees(y)
     assert sees(y - STEP)
+
+
+def test_a_tracker_shows_late_who_comes_out_of_hiding():
+    seen, tracked = (scenes(at_a_corner(Sensor(occlusion=True, detector=each)))[1] for each in (None, Detector()))
+    farther = UNTRACKED * seen.dt * SPEED
+    np.testing.assert_allclose(tracked.crowd.radius, seen.crowd.radius + farther)
 
 
 def test_nobody_is_expected_by_a_sensor_that_sees_through_walls_or_without_walls():
