@@ -30,7 +30,8 @@ def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
     """Return the scene with a virtual pedestrian that may be hidden, and without other pedestrians.
 
     The pedestrian stands at the first point of the route where walls would hide it from the vehicle. It occupies a disc
-    that extends `RADIUS` beyond its own disc, and farther if the sensor is a detector, whose tracks begin late. Worlds in which the whole route is visible have no pedestrian.
+    that extends `RADIUS` beyond its own disc, and farther with a detector, whose tracks begin late. Worlds in which the
+    whole route is visible have no pedestrian.
 
     Args:
         obs: The present observation.
