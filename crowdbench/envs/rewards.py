@@ -30,7 +30,7 @@ COLLISION = -0.5
 """Reward of `progress` for a collision."""
 
 
-SECOND = 0.03
+SECOND = 0.06
 """Reward of `scored`, times -1, per second, and per second close to a pedestrian."""
 
 
@@ -111,7 +111,7 @@ def safe_progress(step: Step) -> Float[np.ndarray, "world"]:
 
 
 def scored(step: Step) -> Float[np.ndarray, "world"]:
-    """Return the reward `safe_progress`, less 0.03 per second and per second close to pedestrians, as in the score.
+    """Return the reward `safe_progress`, less 0.06 per second and per second close to pedestrians, as in the score.
 
     The score counts a second close to a pedestrian as a second of travel time (`crowdbench.metrics.score`).
     """

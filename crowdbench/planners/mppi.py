@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.dynamics import Holonomic
-from crowdbench.core.geometry import norm, toward_goal
+from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.planners.hidden import hidden_scene
@@ -64,8 +64,7 @@ class MPPIWeights:
     """Costs of a sequence, as equivalent additional travel time in seconds.
 
     Attributes:
-        contact: A collision with a pedestrian in the first step, at the preferred speed [s].
-        standing: Share of it that a collision of a standing vehicle costs, which is not at fault [1].
+        contact: A collision with a pedestrian in the first step [s].
         fading: Factor on the costs of contacts and gaps for each step ahead, because the prediction is less certain
             [1].
         wall: A collision with an obstacle [s].
@@ -83,14 +82,13 @@ class MPPIWeights:
     """
 
     contact: float = 60.0
-    standing: float = 1.0
-    fading: float = 0.8
+    fading: float = 0.7
     wall: float = 200.0
     near: float = 6.0
     margin: float = 0.03
     growth: float = 0.35
-    sigma_factor: float = 0.7
-    uncertain: float = 0.0
+    sigma_factor: float = 1.1
+    uncertain: float = 8.0
     change: float = 0.15
     jerk: float = 0.1
 
@@ -226,24 +224,21 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             hidden: The scene with the virtual pedestrian.
         """
         result = try_sequences(scene, commands, halo=halo)
-        cost = self._nearness(scene, result) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
+        cost = self._nearness(result, scene.dt) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
         if hidden is not None:
-            cost += self._nearness(hidden, try_sequences(hidden, commands))
+            cost += self._nearness(try_sequences(hidden, commands), scene.dt)
         arrived, whole = result.outcome == Outcome.SUCCESS, scene.dt * commands.shape[2]
         cost += np.where(arrived, scene.dt * result.steps, whole + time_left(scene, result)[..., None])
         return self._over_futures(cost) + self._roughness(scene, commands), result
 
-    def _nearness(self, scene: Scene, result: SequenceResult) -> Float[np.ndarray, "world sequence mode"]:
+    def _nearness(self, result: SequenceResult, dt: float) -> Float[np.ndarray, "world sequence mode"]:
         """Return the costs of small gaps to pedestrians and of contacts."""
         weights, time = self.weights, np.arange(result.gap.shape[-1])
-        margin, fading = weights.margin + weights.growth * scene.dt * time, weights.fading**time
+        margin, fading = weights.margin + weights.growth * dt * time, weights.fading**time
         inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / margin, 0.0)
         near = weights.near * inside**2 + weights.uncertain * np.maximum(-result.gap, 0.0)
-        speed = norm(np.take_along_axis(result.motion[..., 2:4], result.steps[..., None], axis=2))
-        share = np.minimum(speed / scene.vehicle.preferred_speed[:, None, None], 1.0)
-        contact = weights.contact * (weights.standing + (1.0 - weights.standing) * share)
         hit = result.outcome == Outcome.COLLISION
-        return np.asarray((fading * near).sum(axis=-1) + hit * contact * weights.fading ** (result.steps - 1))
+        return np.asarray((fading * near).sum(axis=-1) + hit * weights.contact * weights.fading ** (result.steps - 1))
 
     def _over_futures(self, cost: Float[np.ndarray, "world sequence mode"]) -> Costs:
         """Return the mean cost over the worst futures of each sequence."""

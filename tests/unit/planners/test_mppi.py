@@ -23,7 +23,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 EXACT = np.zeros((1, 1, 1))
-WEIGHTS = MPPIWeights(contact=50.0, standing=1.0, fading=0.9, near=4.0, margin=0.3, growth=0.2, change=0.5, jerk=0.25)
+WEIGHTS = MPPIWeights(contact=50.0, uncertain=0.0, fading=0.9, near=4.0, margin=0.3, growth=0.2, change=0.5, jerk=0.25)
 
 
 def cost(planner, obs, commands, halo=EXACT):
@@ -69,15 +69,6 @@ def test_a_halo_costs_by_its_depth_and_is_no_contact():
     assert result.outcome[0, 0, 0] == Outcome.RUNNING
     near = 4.0 * (1.0 - 0.1 / 0.3) ** 2 + 0.9 * (4.0 + 7.0 * 0.3)
     assert found == pytest.approx(2 * DT + 4.0 + near)
-
-
-def test_a_contact_of_a_standing_vehicle_costs_a_share():
-    planner = MPPIPlanner(Says([[[0.0, 0.5]]]), weights=dataclasses.replace(WEIGHTS, standing=0.2, change=0.0))
-    obs = lone_vehicle()
-    obs.pedestrians.position[:] = [0.0, 0.5]
-    stands, fast = (cost(planner, obs, [[speed, 0.0]])[0] for speed in (0.0, -1.0))
-    assert stands == pytest.approx(DT + 4.0 + 4.0 + 0.2 * 50.0)
-    assert fast == pytest.approx(DT + 4.0 + DT + 4.0 + 50.0)
 
 
 @pytest.mark.parametrize(("worst", "futures"), [(1.0, 4), (0.5, 2), (0.2, 1)])
