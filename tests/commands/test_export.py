@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from helpers import fixture
 from typer.testing import CliRunner
 
 from crowdbench.cli.app import app
@@ -33,7 +34,7 @@ def invoke(*arguments):
     "scenario",
     [
         "circle_crossing_5",
-        pytest.param("noise_late", marks=pytest.mark.slow),
+        pytest.param(fixture("noise_late"), marks=pytest.mark.slow),
         pytest.param("unicycle", marks=pytest.mark.slow),
     ],
 )

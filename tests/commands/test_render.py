@@ -7,7 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from helpers import stored_trace
+from helpers import fixture, stored_trace
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -67,7 +67,7 @@ def test_a_vehicle_that_has_hit_an_obstacle_has_the_mark_of_a_contact():
     assert LIGHT.contact not in colors(end - 1)
 
 
-@pytest.mark.parametrize(("scenario", "number"), [("noise_late", 1), ("circle_crossing_5", 0)])
+@pytest.mark.parametrize(("scenario", "number"), [(fixture("noise_late"), 1), ("circle_crossing_5", 0)])
 def test_measured_positions_are_rings_with_a_key_where_they_differ(tmp_path, scenario, number):
     run = tmp_path / "run"
     given = ["run", "--planner", "orca", "--scenario", scenario, "--cases", "val:1", "--out", str(run)]

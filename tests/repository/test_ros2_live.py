@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from helpers import fixture
 
 from crowdbench import Driver, InputError, OneWorldPlanner, Result, load_planner, load_scenario, rollout, run
 from crowdbench.cli.app import app
@@ -77,11 +78,9 @@ def start_node():
         thread.join()
 
 
-NOISY = str(Path(__file__).parents[1] / "scenarios" / "noise_late.toml")
-
-
 @pytest.mark.parametrize(
-    ("scenario", "cases"), [("circle_crossing_5", "2"), ("unicycle", "1"), (NOISY, "1"), ("groups_12", "1")]
+    ("scenario", "cases"),
+    [("circle_crossing_5", "2"), ("unicycle", "1"), (fixture("noise_late"), "1"), ("groups_12", "1")],
 )
 def test_a_drive_in_lockstep_equals_a_direct_one(start_node, scenario, cases):
     from simulate import WRITTEN, TopicPlanner

@@ -1,21 +1,18 @@
 """Tracks in a file: read back to the last bit, and refused in a sentence if they are damaged."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import drive, same, trace
+from helpers import drive, fixture, same, trace
 
 from crowdbench.core.types import Outcome
 from crowdbench.results import stored_tracks
 from crowdbench.results.stored_tracks import read_tracks, write_tracks
 from crowdbench.utils.errors import InputError
 
-NOISY = str(Path(__file__).parents[2] / "scenarios" / "noise_late.toml")
 
-
-@pytest.mark.parametrize("scenario", ["circle_crossing_5_visible", NOISY, "groups_12", "mixed_tracks"])
+@pytest.mark.parametrize("scenario", ["circle_crossing_5_visible", fixture("noise_late"), "groups_12", "mixed_tracks"])
 def test_tracks_are_read_back_bit_for_bit(scenario, tmp_path):
     driven = drive("straight", "3", scenario)
     write_tracks(driven, tmp_path / "tracks.parquet")

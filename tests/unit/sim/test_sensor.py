@@ -1,7 +1,5 @@
 """What a vehicle with limited sight sees: who, how exactly, how late, for how long."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from helpers import drive, fixture, same, world, worlds_of
@@ -335,15 +333,16 @@ def test_a_track_of_sensing_sets_the_keys_that_a_scenario_leaves_out():
     assert (sensor.range, sensor.detector) == (6.0, Detector(raw=True))
 
 
-NOISY = str(Path(__file__).parents[2] / "scenarios" / "noise_late.toml")
-
-
 @pytest.mark.parametrize(
     ("scenario", "track", "sentence"),
     [
         ("circle_20", "real", r"^circle_20\.toml: sensor\.track is 'real', but must be \"perfect\" or \"realistic\"$"),
         ("circle_20", 3, r"^circle_20\.toml: sensor\.track is 3, but must be"),
-        (NOISY, "realistic", r"noise_late\.toml: sensor\.noise, missed and remember do not go with a detector"),
+        (
+            fixture("noise_late"),
+            "realistic",
+            r"noise_late\.toml: sensor\.noise, missed and remember do not go",
+        ),
     ],
 )
 def test_a_track_that_is_unknown_or_beside_noise_gets_one_sentence(scenario, track, sentence):
