@@ -58,6 +58,7 @@ def edited(runs):
     return edit
 
 
+@pytest.mark.slow
 @fuzz
 @given(FIELDS)
 def test_results(runs, edited, edits):
@@ -84,6 +85,7 @@ def test_episodes(runs, edited, edits):
     ask_about_runs(runs)
 
 
+@pytest.mark.slow
 @fuzz
 @given(st.sampled_from(["run.rrd", "commands.parquet"]), BYTES)
 def test_recordings_and_commands(runs, edited, name, edits):

@@ -294,6 +294,7 @@ def test_a_map_and_a_goal_may_be_older_than_the_recording(tmp_path):
     np.testing.assert_allclose(trace.goal[0, 0, 0], [3.0, 0.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("storage", ["MCAP", "SQLITE3"])
 def test_bags_are_read_without_metadata_and_in_parts(tmp_path, storage):
     messages = straight()
@@ -324,6 +325,7 @@ def test_an_empty_folder_is_no_bag(tmp_path):
         trace_of(drive_file(tmp_path, ["a"], VEHICLE))
 
 
+@pytest.mark.slow
 def test_the_result_lists_what_was_left_out_and_guessed(tmp_path):
     bag_of(tmp_path / "a", in_odom(times=[t for t in TIMES if t > 1.45]))
     drive_file(tmp_path, ["a"], VEHICLE)

@@ -121,6 +121,7 @@ def test_without_a_controller_the_simulation_ends_with_one_sentence():
         rollout(planner, SCENARIO, "1")
 
 
+@pytest.mark.slow
 def test_in_real_time_a_case_takes_its_simulated_time_and_the_result_has_the_latency(start_node):
     from simulate import WRITTEN, TopicPlanner
     from topics import Topics

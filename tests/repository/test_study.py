@@ -26,6 +26,7 @@ pytestmark = pytest.mark.usefixtures("study_folder")
 STUDIES = Path(__file__).parents[2] / "studies"
 
 
+@pytest.mark.slow
 def test_only_what_is_missing_is_run(capsys):
     print_page(CROWDS)
     first = capsys.readouterr()
@@ -207,6 +208,7 @@ def test_a_broken_study_gets_one_sentence(text):
     refused(text, BROKEN[text])
 
 
+@pytest.mark.slow
 def test_a_folder_of_tracks_that_no_run_needs_is_refused():
     with pytest.raises(InputError, match=r"--data does not go with study\.toml"):
         read_tables(STUDIES / "kce" / "study.toml", Path())

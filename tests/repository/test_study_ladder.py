@@ -92,6 +92,7 @@ def test_knowledge_of_chance_adds_nothing_where_there_is_none(name):
     np.testing.assert_array_equal(foreseen(name, Knowledge.ATTENTION)[1], foreseen(name, Knowledge.ALL)[1])
 
 
+@pytest.mark.slow
 def test_knowledge_of_policies_adds_nothing_where_all_walk_by_orca_and_ignore_the_vehicle():
     same, other = "circle_20_blind", "mixed_20"
     assert adds_nothing(load_scenario(same), Knowledge.POLICIES)

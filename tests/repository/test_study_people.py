@@ -271,6 +271,7 @@ def test_the_model_that_made_the_tracks_has_the_best_score(truth, other):
     assert v3(truth, windows) > v3(other, windows) + 0.02
 
 
+@pytest.mark.slow
 def test_no_disperser_and_no_collider_leads():
     windows = recorded_by("orca", crossings())
     best = v3("orca", windows)

@@ -113,6 +113,7 @@ def spec(**changes):
     )
 
 
+@pytest.mark.slow
 def test_a_finding_has_its_claims_and_its_table(tmp_path):
     finding = Finding.load(spec(), tmp_path, HERE)
     assert len(finding.runs) == 5

@@ -100,6 +100,7 @@ def test_a_policy_is_told_what_it_drives(dynamics, kind):
     np.testing.assert_array_equal(shown[:, VEHICLE_FEATURES + 3 : VEHICLE_FEATURES + 6], [[*kind, 1.5]] * 2)
 
 
+@pytest.mark.slow
 def test_nobody_is_heard_who_is_not_there_and_the_order_does_not_matter():
     torch.manual_seed(0)
     encoder, seen = AttentionEncoder(), Seen.of(shown_of(crowded(6, 5), nearest=5))

@@ -165,6 +165,7 @@ class planner(Planner):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

@@ -234,6 +234,7 @@ def turns(**changes):
     return np.degrees(np.angle(goal / -start)), world
 
 
+@pytest.mark.slow
 def test_goals_on_a_circle_are_turned_by_up_to_an_angle():
     turned, world = turns(goal_angle=60.0)
     assert 55.0 < turned.max() <= 60.0

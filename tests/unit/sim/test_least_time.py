@@ -100,6 +100,7 @@ def test_a_vehicle_that_faces_away_must_turn_first():
     assert least([0, 0], [0.3 + 0.42, 0], backwards, heading=math.pi) == 2
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.sampled_from(["unicycle", "car", "slow to accelerate"]))
 @settings(max_examples=60, deadline=None)
 def test_no_drive_that_turns_on_its_way_is_faster(seed, vehicle):

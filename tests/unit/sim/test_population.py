@@ -249,6 +249,7 @@ def draw(changes, cases="val:40", scenario=SCENARIO):
     return load_scenario(scenario, changes).worlds(Cases.parse(cases))
 
 
+@pytest.mark.slow
 def test_people_differ_by_factors_around_the_same_draws():
     uniform = {"pedestrians.preferred_speed": {"low": 0.6, "high": 1.4}}
     plain, varied = draw(uniform), draw(uniform | {KEY: VARIED})

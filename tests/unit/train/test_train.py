@@ -133,6 +133,7 @@ def test_a_network_learns_in_training_mode_after_it_has_driven():
     assert all(modes)
 
 
+@pytest.mark.slow
 def test_minutes_end_a_training(tmp_path):
     config = dataclasses.replace(CONFIG, minutes=0.02, episodes=10**9)
     running = trainings.train(config, tmp_path / "run")

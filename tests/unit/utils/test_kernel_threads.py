@@ -88,6 +88,7 @@ def margins(_=None):
     return crowdbench.run("orca_margin", "circle_crossing_5", cases="test:0:100").episodes.outcome.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes cannot be forked here")
 def test_a_forked_process_runs_what_its_parent_has_run(monkeypatch):
     monkeypatch.setattr(kernels, "number_of_threads", lambda: 2)
