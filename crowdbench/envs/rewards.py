@@ -29,7 +29,6 @@ PROGRESS = 0.2
 COLLISION = -0.5
 """Reward of `progress` for a collision."""
 
-
 SECOND = 0.06
 """Reward of `scored`, times -1, per second, and per second close to a pedestrian."""
 

@@ -71,7 +71,17 @@ def close_seconds(
     steps: Int[np.ndarray, "world"],
     rules: Rules,
 ) -> Float[np.ndarray, "world"]:
-    """Return the seconds close to pedestrians in the first `steps` steps of each world, see `t_close`."""
+    """Return the seconds close to pedestrians of each world, see `t_close`.
+
+    Args:
+        position: In metres, of the vehicle (agent 0) and the pedestrians; NaN without a pedestrian.
+        velocity: In m/s.
+        heading: Of the vehicle, in radians.
+        radius: In metres.
+        person: See `Trace`.
+        steps: Number of steps that count, from the first one.
+        rules: The rules of the simulation.
+    """
     seconds, numbers = np.zeros(len(steps)), rules.numbers
     states = position, velocity, heading, np.ascontiguousarray(radius), np.ascontiguousarray(person)
     fill_close_seconds(*states, steps, numbers.body, numbers.code != HOLONOMIC, numbers.dt, seconds)
