@@ -12,7 +12,13 @@ RadiusInflation = Float[np.ndarray, "#world #time #pedestrian"]
 
 
 def radius_inflation(obs: Observation, steps: int, sigma_factor: float) -> RadiusInflation:
-    """Return `sigma_factor` standard deviations of pedestrians' positions in the next steps; 0 without a filter."""
+    """Return `sigma_factor` standard deviations of pedestrians' positions in the next steps; 0 without a tracker.
+
+    Args:
+        obs: The observation, with standard deviations of positions and velocities if they are estimates.
+        steps: Number of steps ahead.
+        sigma_factor: Number of standard deviations [1].
+    """
     if obs.pedestrians.deviation is None:
         return np.zeros((1, 1, 1))
     position, velocity = np.moveaxis(obs.pedestrians.deviation[:, None], -1, 0)

@@ -14,6 +14,7 @@ from crowdbench.core.dynamics.kernels import HOLONOMIC, drive_without_heading, s
 from crowdbench.core.geometry import Discs, local_goals, nearest_in_step, norm
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.joint_state import SIZE, PedestrianStates, VehicleState, write_joint_states
+from crowdbench.planners.inflation import RadiusInflation
 from crowdbench.planners.scene import Scene, Sequences, fill_crowd, motion_of
 from crowdbench.sim.episode import gaps_on_arc, step_outcome, stopping_gap
 from crowdbench.sim.obstacles import wall_gap_in_step
@@ -168,11 +169,8 @@ class SequenceResult(NamedTuple):
     motion: Float[np.ndarray, "world sequence state 6"]
 
 
-Enlargement = Float[np.ndarray, "#world #time #pedestrian"] | float
-
-
 def try_sequences(
-    scene: Scene, commands: Sequences, margin: Enlargement = 0.0, halo: Enlargement = 0.0
+    scene: Scene, commands: Sequences, margin: RadiusInflation | float = 0.0, halo: RadiusInflation | float = 0.0
 ) -> SequenceResult:
     """Simulate sequences of commands, with the simulator's rules for collisions and the goal.
 
@@ -180,7 +178,7 @@ def try_sequences(
         scene: The vehicle and the pedestrians.
         commands: Commands of the vehicle's dynamics.
         margin: Enlargement of the radius of each pedestrian in each step, in metres; a number, or an array.
-        halo: The same, for gaps only: the vehicle collides with pedestrians, not with their halos.
+        halo: Further enlargement, in metres, that reduces gaps only: entering a halo is no collision.
     """
     worlds, sequences, steps = commands.shape[:3]
     shape = worlds, sequences, scene.crowd.position.shape[1]

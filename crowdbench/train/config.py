@@ -184,7 +184,8 @@ class PPOConfig(DrivingConfig):
     Attributes:
         steps: Train for this many steps, of all worlds together.
         reward: The reward: crowdnav, progress, safe_progress, scored, crowdnav_plus or ./mine.py.
-        also_train_in: Further scenarios to train in, as in a,b, each with as many worlds as --scenario.
+        also_train_in: Further scenarios to train in, as in a,b, each with as many worlds as --scenario; one that is
+            listed twice has twice as many.
         encoder: The file of an encoder (feature extractor) of your own, ./mine.py.
         ppo: A parameter of PPO, as in gamma=0.99; repeatable.
     """

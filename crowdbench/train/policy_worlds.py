@@ -81,5 +81,5 @@ class PolicyWorlds:
         return self._interface(observe(step.after.take(rows), rows))
 
     def forget(self, ended: Bool[np.ndarray, "world"]) -> None:
-        """Forget the measurements of ended episodes."""
+        """Forget ended episodes."""
         self._interface.forget(np.flatnonzero(ended))

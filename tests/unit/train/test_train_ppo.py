@@ -150,6 +150,13 @@ def test_data_without_recorded_crowds_is_refused():
         trainings.start(dataclasses.replace(CONFIG, also_train_in="square_crossing_5", data="somewhere"))
 
 
+def test_a_scenario_that_is_listed_twice_is_simulated_once_with_twice_as_many_worlds():
+    training = trainings.start(dataclasses.replace(CONFIG, also_train_in="square_crossing_5,door_10,square_crossing_5"))
+    assert [len(worlds.rows) for worlds in training.worlds] == [2, 4, 2]
+    assert np.concatenate([worlds.rows for worlds in training.worlds]).tolist() == list(range(8))
+    assert len(training.conditions()["beside"]) == 3
+
+
 @pytest.mark.slow
 def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     config = dataclasses.replace(
