@@ -98,7 +98,8 @@ def draw_suite(out: Path) -> None:
         }
         vehicle = trace.position[0, state, 0]
         plane = np.stack([vehicle - AROUND, vehicle + AROUND])
-        note = f"{gap.min():z.2f} m at {state * trace.rules.dt:g} s", LIGHT.text
+        nearest = "contact" if gap.min() < 0.0 else f"{gap.min():.2f} m"
+        note = f"{nearest} at {state * trace.rules.dt:g} s", LIGHT.text
         bands, bounds, inch = draw_bands(plane, WHOLE / COLUMNS, note, name)
         pictures.append(([*draw_moment(dataclasses.replace(moment, **recent)), *bands], bounds, inch))
     draw_pictures(pictures, COLUMNS, out)
