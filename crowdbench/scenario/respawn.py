@@ -68,13 +68,18 @@ class Surroundings:
             clearance: Smallest distance in metres between rims.
             walls: Smallest distance in metres between the rim and a wall.
         """
-        offsets = np.concatenate([self.position, self.goal]) - point
-        if (norm(offsets) < np.tile(self.radius, 2) + (radius + clearance)).any():
+        points, radii = self._discs
+        if (norm(points - point) < radii + (radius + clearance)).any():
             return False
-        edges = edges_of(self.obstacles)
+        edges, filled = _edges_and_solids(self.obstacles.tobytes(), self.obstacles.shape)
         if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < radius + walls:
             return False
-        return not any(shapely.contains_xy(solid, *point) for solid in solids(self.obstacles))
+        return not shapely.contains_xy(filled, *point).any()
+
+    @functools.cached_property
+    def _discs(self) -> tuple[Float[np.ndarray, "disc 2"], Float[np.ndarray, "disc"]]:
+        """The centres and radii in metres of the discs at all positions and goals."""
+        return np.concatenate([self.position, self.goal]), np.tile(self.radius, 2)
 
     def find_route(self, start: Position, goal: Position, radius: float) -> np.ndarray | None:
         """Return the waypoints `[waypoint, 2]` in metres of a disc's shortest path; None if there is no path."""
@@ -87,6 +92,15 @@ class Surroundings:
             return None
         assert route is not None  # there are obstacles
         return route[0]
+
+
+@functools.lru_cache(maxsize=256)
+def _edges_and_solids(obstacles: bytes, shape: tuple[int, ...]) -> tuple[Float[np.ndarray, "edge 2 2"], np.ndarray]:
+    """Return the edges and the solid polygons of obstacles. A layout draws among the same walls many times."""
+    polygons = np.frombuffer(obstacles).reshape(shape)
+    filled = np.array(solids(polygons), object)
+    shapely.prepare(filled)
+    return edges_of(polygons), filled
 
 
 Respawn = Callable[..., Trip | None]
