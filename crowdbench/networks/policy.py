@@ -118,17 +118,18 @@ class ActorCritic(nn.Module):
 
     Attributes:
         policy: The policy. Its actions are the means of the sampled actions.
-        value: Layers from the code to the expected discounted sum of rewards.
+        value: Layers from the code and the state to the expected discounted sum of rewards.
         log_std: The logarithm of the standard deviation of the sampled actions, in m/s.
 
     Args:
+        state: Numbers that the value depends on in addition to the code.
         hidden: Numbers in the hidden layer of the value.
     """
 
-    def __init__(self, policy: Policy, hidden: int = 64) -> None:
+    def __init__(self, policy: Policy, state: int = 0, hidden: int = 64) -> None:
         super().__init__()
         self.policy = policy
-        self.value = nn.Sequential(nn.Linear(policy.coded, hidden), nn.Tanh(), nn.Linear(hidden, 1))
+        self.value = nn.Sequential(nn.Linear(policy.coded + state, hidden), nn.Tanh(), nn.Linear(hidden, 1))
         self.log_std = nn.Parameter(torch.full((2,), LOG_STD))
         # The first mean actions are small, so that the first sampled actions are noise in all directions.
         gains = {self.policy.action: 0.01, self.value[2]: 1.0}
@@ -138,11 +139,11 @@ class ActorCritic(nn.Module):
                 nn.init.zeros_(layer.bias)
 
     def forward(
-        self, seen: Seen, memory: Memory, begins: Bool[Tensor, "time world"]
+        self, seen: Seen, state: Float[Tensor, "row features"], memory: Memory, begins: Bool[Tensor, "time world"]
     ) -> tuple[Float[Tensor, "row 2"], Float[Tensor, "row"], Memory]:
         """Return the mean action and the value in each row of observations, and the memory; see `Policy.code`."""
         code, memory = self.policy.code(seen, memory, begins)
-        return self.policy.action(self.policy.hidden(code)), self.value(code)[:, 0], memory
+        return self.policy.action(self.policy.hidden(code)), self.value(torch.cat([code, state], dim=1))[:, 0], memory
 
     def log_probability(self, action: Float[Tensor, "row 2"], mean: Float[Tensor, "row 2"]) -> Float[Tensor, "row"]:
         """Return the logarithm of the probability density of sampled actions with the given means.

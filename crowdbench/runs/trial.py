@@ -16,6 +16,7 @@ from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.fleet import in_whole_worlds
 from crowdbench.views.view import View
 
 
@@ -41,9 +42,9 @@ def try_reward(reward: CheckedReward, scenario: Scenario) -> None:
     """
     world, view = scenario.draw("train", np.zeros(1, np.int64)), View(scenario, action="velocity")
     while len(world):
-        step = drive(view, world, np.zeros((1, 2)))
+        step = drive(view, world, np.zeros((len(world), 2)))
         reward(step)
-        world = step.after.take(~step.ended)
+        world = step.after.take(in_whole_worlds(~step.ended, scenario.rules.vehicles))
 
 
 def try_plugins(scenario: Scenario, cases: Cases, metrics: Mapping[str, Metric]) -> None:

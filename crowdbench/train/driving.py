@@ -53,6 +53,9 @@ class DrivingTraining(Training):
     curve_metric: ClassVar[str]
     """The metric in the curve in addition to success and time."""
 
+    several: ClassVar[bool] = False
+    """True if the method trains in scenarios with several vehicles."""
+
     current: nn.Module
 
     def __init__(self, config: Any, device: str) -> None:
@@ -65,8 +68,10 @@ class DrivingTraining(Training):
         if not any(scenario.tracks for scenario in (self.scenario, *validation, *self.also_train_in)):
             self.scenario.check_data(data)
         for scenario in (self.scenario, *validation, *self.also_train_in):
-            if scenario.rules.vehicles > 1:
-                raise InputError(f"{scenario.name} has {scenario.rules.vehicles} vehicles, but a training drives one")
+            if scenario.rules.vehicles > 1 and not self.several:
+                raise InputError(
+                    f"{scenario.name} has {scenario.rules.vehicles} vehicles, but a training of {config.network} drives one"
+                )
         self.validated = nn.ModuleList()
         splits = ["validation", "test"] if config.card == "test" else ["validation"]
         self.card_cases = {split: CARD_CASES[split] for split in splits}

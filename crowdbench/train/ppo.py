@@ -1,5 +1,9 @@
 """Trains a policy by proximal policy optimization (PPO, Schulman et al. 2017).
 
+In worlds with several vehicles, all of them share the network, and each learns from its own observations and rewards
+(IPPO, de Witt et al. 2020). With `critic=state`, the value also depends on the state of the world (MAPPO, Yu et al.
+2022).
+
 A policy observes the vehicle and the nearest pedestrians in the frame of the goal, and returns a velocity in this
 frame; a recurrent policy observes more (`planners.trained_policy.PolicyInterface`). It learns from a reward in many
 worlds at once. Each update simulates some steps of every world, then passes over them several times in minibatches of
@@ -20,12 +24,12 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from crowdbench.core.types import Outcome
+from crowdbench.core.types import Outcome, World
 from crowdbench.envs.rewards import load_reward
 from crowdbench.envs.training_worlds import CASES
 from crowdbench.networks.chunks import in_chunks, one_torch_thread
 from crowdbench.networks.encoders import make_policy
-from crowdbench.networks.policy import ActorCritic, Policy, Seen
+from crowdbench.networks.policy import SCALE, ActorCritic, Policy, Seen
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.trained_policy import NetworkPlanner
 from crowdbench.plugins.kind import file_and_function
@@ -39,6 +43,7 @@ from crowdbench.train.experience import Experience
 from crowdbench.train.policy_worlds import PolicyWorlds, make_interface
 from crowdbench.utils.errors import InputError, is_number, require, require_count, require_positive
 from crowdbench.utils.resources import keep_freed_memory
+from crowdbench.views.global_state import global_state, state_bounds
 
 Numbers = Float[Tensor, "step world"]
 Flags = Bool[Tensor, "step world"]
@@ -48,6 +53,9 @@ CHUNK = 64
 
 FEWEST_CASES = 256
 """Smallest number of training cases of a scenario between two validations, if several scenarios share `CASES`."""
+
+CRITICS = ("own", "state")
+"""Values of the parameter `critic`."""
 
 VALIDATIONS = 20
 """Number of validations of a training, which can be resumed after each of them."""
@@ -70,9 +78,11 @@ class Parameters:
         clip: Clipping range of the probability ratio, its largest difference from 1 (equation 7) [1].
         value_weight: Weight of the value's squared error in the loss [1].
         max_norm: The largest norm of a gradient: larger ones are scaled down [1].
+        critic: `own` if the value depends on the vehicle's observations, `state` if also on the state of the world
+            (`crowdbench.views.global_state`).
 
     Raises:
-        InputError: A number is impossible, or there are fewer worlds than in a minibatch.
+        InputError: A parameter is impossible, or there are fewer worlds than in a minibatch.
     """
 
     worlds: int = 256
@@ -85,6 +95,7 @@ class Parameters:
     clip: float = 0.2
     value_weight: float = 0.5
     max_norm: float = 0.5
+    critic: str = "own"
 
     def __post_init__(self) -> None:
         for name in ("worlds", "steps", "segments", "epochs"):
@@ -96,6 +107,7 @@ class Parameters:
         for name in ("gamma", "gae_lambda"):
             value = getattr(self, name)
             require(name, value, is_number(value) and 0.0 <= value <= 1.0, "a number from 0 to 1")
+        require("critic", self.critic, self.critic in CRITICS, " or ".join(CRITICS))
 
 
 class PPOTraining(DrivingTraining):
@@ -112,6 +124,7 @@ class PPOTraining(DrivingTraining):
     config: PPOConfig
     saved = ("network", "optimizer", "validated")
     curve_metric = "jerk"
+    several = True
     metrics = (*DrivingTraining.metrics, "jerk", "max_velocity_change")
     current: Policy
 
@@ -121,7 +134,9 @@ class PPOTraining(DrivingTraining):
         scenarios = [self.scenario, *self.also_train_in]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
-            self.network = ActorCritic(make_policy(config.network, config.encoder)).to(device)
+            sizes = [len(state_bounds(scenario)[0]) for scenario in scenarios]
+            self.state_numbers = max(sizes) if self.parameters.critic == "state" else 0
+            self.network = ActorCritic(make_policy(config.network, config.encoder), self.state_numbers).to(device)
         self.current = self.network.policy
         make = functools.partial(make_interface, config.network, scenarios)
         self.interface = make()
@@ -152,7 +167,7 @@ class PPOTraining(DrivingTraining):
             self.generator.manual_seed(seed)
             for worlds in self.worlds:
                 worlds.restart(seed)
-            self.seen = self._observe()
+            self._observe()
             self.memory = self.network.policy.initial_memory(self.parameters.worlds)
             self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
         while True:  # at least once: drawing the cases may have taken until then
@@ -176,7 +191,7 @@ class PPOTraining(DrivingTraining):
         """Simulate some steps of every world, and return them."""
         steps, memory = [], self.memory
         for _ in range(self.parameters.steps):
-            mean, value, self.memory = self.network(self.seen, self.memory, self.begins)
+            mean, value, self.memory = self.network(self.seen, self.state, self.memory, self.begins)
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
             if not action.isfinite().all():
@@ -184,48 +199,59 @@ class PPOTraining(DrivingTraining):
                     f"the training has failed after {self.amount} steps: the policy's actions are not finite, as where "
                     f"the reward {self.config.reward} is too large"
                 )
-            before = (*self.seen, self.begins[0], action, self.network.log_probability(action, mean), value)
-            reward, ended = self._step(action)
-            steps.append((*before, reward, ~ended))
+            before = (*self.seen, self.state, self.begins[0], action, self.network.log_probability(action, mean), value)
+            reward, ended, acts = self._step(action)
+            steps.append((*before, reward, ~ended, acts))
             self.begins = ended[None]
         columns = (torch.stack(column) for column in zip(*steps, strict=True))
-        *seen, begins, action, log_probability, value, reward, continues = columns
-        last = self.network(self.seen, self.memory, self.begins)[1]
+        *seen, state, begins, action, log_probability, value, reward, continues, acts = columns
+        last = self.network(self.seen, self.state, self.memory, self.begins)[1]
         values = torch.cat([value, last[None]])
         advantage = advantages(reward, values, continues, self.parameters.gamma, self.parameters.gae_lambda)
-        normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-        return Experience(Seen(*seen), memory, begins, action, log_probability, normalized, advantage + value)
+        taught = advantage if acts.all() else advantage[acts]
+        normalized = (advantage - taught.mean()) / (taught.std() + 1e-8)
+        numbers = action, log_probability, normalized, advantage + value
+        return Experience(Seen(*seen), state, memory, begins, *numbers, acts)
 
-    def _step(self, action: Float[Tensor, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"]]:
-        """Act in all worlds. Return the rewards, and True for worlds whose episode has ended.
+    def _step(self, action: Float[Tensor, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"], ...]:
+        """Act in all worlds.
 
         If the time limit truncates an episode, the discounted value of the last state is added to the reward, in place
         of the rewards after it (Pardo et al. 2018).
+
+        Returns:
+            The rewards, True for vehicles whose episode has ended, and False for those whose episode had ended before.
         """
         actions = action.double().cpu().numpy()
-        rewards, ends = [], []
+        parts = []
         for worlds in self.worlds:
-            step, reward, returned, _ = worlds.step(actions[worlds.rows])
-            timed_out = np.flatnonzero(step.outcome == Outcome.TIMEOUT)
+            step, reward, returned, _, acts = worlds.step(actions[worlds.rows])
+            timed_out = np.flatnonzero(acts & (step.outcome == Outcome.TIMEOUT))
             if len(timed_out):
                 last = Seen.of(worlds.observe_last(step, timed_out), self.device)
                 memory, begins = self.memory[worlds.rows[timed_out]], self.begins.new_zeros(1, len(timed_out))
-                value = self.network(last, memory, begins)[1]
+                value = self.network(last, self._state_of(step.after)[timed_out], memory, begins)[1]
                 reward[timed_out] += self.parameters.gamma * value.double().cpu().numpy()
             worlds.forget(step.ended)
-            self.returns += returned[step.ended].tolist()
-            rewards.append(reward)
-            ends.append(step.ended)
-        self.seen = self._observe()
-        return self._tensor(rewards).float(), self._tensor(ends)
+            self.returns += returned[acts & step.ended].tolist()
+            parts.append((reward.astype(np.float32), step.ended, acts))
+        self._observe()
+        reward, ended, acts = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return tuple(torch.from_numpy(part).to(self.device) for part in (reward, ended, acts))
 
-    def _tensor(self, parts: list[np.ndarray]) -> Tensor:
-        return torch.from_numpy(np.concatenate(parts)).to(self.device)
-
-    def _observe(self) -> Seen:
-        """Return the input of the policy in all worlds."""
+    def _observe(self) -> None:
+        """Set the input of the policy and of the value in all worlds."""
         parts = [Seen.of(worlds.observe(), self.device) for worlds in self.worlds]
-        return Seen(*map(torch.cat, zip(*parts, strict=True)))
+        self.seen = Seen(*map(torch.cat, zip(*parts, strict=True)))
+        self.state = torch.cat([self._state_of(worlds.worlds.worlds) for worlds in self.worlds])
+
+    def _state_of(self, worlds: World) -> Float[Tensor, "world features"]:
+        """Return the input of the value in addition to the code: no numbers, or the state and zeros."""
+        state = np.zeros((len(worlds), self.state_numbers), np.float32)
+        if self.state_numbers:
+            known = global_state(worlds) / SCALE
+            state[:, : known.shape[1]] = known
+        return torch.from_numpy(state).to(self.device)
 
     def _optimize(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
         """Make one step of the optimizer on the segments of the given worlds.
@@ -235,11 +261,12 @@ class PPOTraining(DrivingTraining):
         """
         # Sorted by the number of pedestrians, so that a chunk has few empty rows.
         worlds = worlds[experience.seen.mask[:, worlds].sum(dim=(0, 2)).argsort(stable=True).cpu()]
+        acting = int(experience.acts[:, worlds].sum())
         parameters = list(self.network.parameters())
         gradients: dict[int, tuple[Tensor, ...]] = {}
 
         def differentiate(part: slice) -> None:
-            loss = self._losses(experience.take(worlds[part])).sum() / (self.parameters.steps * len(worlds))
+            loss = self._losses(experience.take(worlds[part])).sum() / acting
             gradients[part.start] = torch.autograd.grad(loss, parameters, materialize_grads=True)
 
         in_chunks(differentiate, len(worlds), CHUNK)
@@ -251,11 +278,12 @@ class PPOTraining(DrivingTraining):
 
     def _losses(self, steps: Experience) -> Float[Tensor, "row"]:
         """Return the losses: the value's error minus the clipped objective (Schulman et al. 2017, eqs. 7 and 9)."""
-        mean, value, _ = self.network(steps.seen, steps.memory, steps.begins)
+        mean, value, _ = self.network(steps.seen, steps.state, steps.memory, steps.begins)
         ratio = (self.network.log_probability(steps.action, mean) - steps.log_probability).exp()
         clipped = ratio.clamp(1.0 - self.parameters.clip, 1.0 + self.parameters.clip)
         objective = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
-        return self.parameters.value_weight * (value - steps.target) ** 2 - objective
+        losses = self.parameters.value_weight * (value - steps.target) ** 2 - objective
+        return torch.where(steps.acts, losses, 0.0)
 
     def planner(self, network: Policy) -> Planner:
         """See `DrivingTraining`."""
