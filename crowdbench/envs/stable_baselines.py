@@ -96,7 +96,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         """Simulate one step in all worlds. Return observations, rewards, whether episodes are over, and infos."""
         if not self._is_reset:
             raise error.ResetNeeded("call reset() first")
-        step, reward, returned, length = self._running.step(self._action)
+        step, reward, returned, length, _ = self._running.step(self._action)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if len(rows := np.flatnonzero(step.ended)):
             last = self.view.observe(step.after.take(rows))

@@ -69,9 +69,8 @@ class DrivingTraining(Training):
             self.scenario.check_data(data)
         for scenario in (self.scenario, *validation, *self.also_train_in):
             if scenario.rules.vehicles > 1 and not self.several:
-                raise InputError(
-                    f"{scenario.name} has {scenario.rules.vehicles} vehicles, but a training of {config.network} drives one"
-                )
+                has = f"{scenario.name} has {scenario.rules.vehicles} vehicles"
+                raise InputError(f"{has}, but a training of {config.network} drives one")
         self.validated = nn.ModuleList()
         splits = ["validation", "test"] if config.card == "test" else ["validation"]
         self.card_cases = {split: CARD_CASES[split] for split in splits}

@@ -213,7 +213,9 @@ class PPOTraining(DrivingTraining):
         numbers = action, log_probability, normalized, advantage + value
         return Experience(Seen(*seen), state, memory, begins, *numbers, acts)
 
-    def _step(self, action: Float[Tensor, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"], ...]:
+    def _step(
+        self, action: Float[Tensor, "world 2"]
+    ) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"], Bool[Tensor, "world"]]:
         """Act in all worlds.
 
         If the time limit truncates an episode, the discounted value of the last state is added to the reward, in place
@@ -234,10 +236,13 @@ class PPOTraining(DrivingTraining):
                 reward[timed_out] += self.parameters.gamma * value.double().cpu().numpy()
             worlds.forget(step.ended)
             self.returns += returned[acts & step.ended].tolist()
-            parts.append((reward.astype(np.float32), step.ended, acts))
+            parts.append((reward, step.ended, acts))
         self._observe()
-        reward, ended, acts = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return tuple(torch.from_numpy(part).to(self.device) for part in (reward, ended, acts))
+        rewards, ends, all_acts = (self._tensor(part) for part in zip(*parts, strict=True))
+        return rewards.float(), ends, all_acts
+
+    def _tensor(self, parts: Sequence[np.ndarray]) -> Tensor:
+        return torch.from_numpy(np.concatenate(parts)).to(self.device)
 
     def _observe(self) -> None:
         """Set the input of the policy and of the value in all worlds."""

@@ -147,7 +147,7 @@ def test_minutes_end_a_training(tmp_path):
         ({"predictor": "crystal_ball"}, "no predictor is called 'crystal_ball'"),
         ({"scenario": "nowhere"}, "no scenario is called 'nowhere'"),
         ({"validation": "circle_crossing_5,nowhere"}, "no scenario is called 'nowhere'"),
-        ({"validation": "circle_crossing_5,fleet_4"}, "fleet_4 has 4 vehicles, but a training drives one"),
+        ({"validation": "circle_crossing_5,fleet_4"}, "fleet_4 has 4 vehicles, but a training of cadrl drives one"),
         ({"max_turn": 4.0}, "max_turn is 4.0, but must be pi at most"),
         ({"max_velocity_change": 0.0}, "--max-velocity-change is 0.0, but must be a number above 0"),
     ],

@@ -125,12 +125,13 @@ def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkey
         now = worlds.worlds.worlds
         outcome = np.full(len(now), Outcome.COLLISION)
         outcome[timed_out] = Outcome.TIMEOUT
-        driven = Driven(Step(now, now, outcome, np.ones(len(now))), np.ones(len(now)), np.ones(len(now)), outcome)
+        ones = np.ones(len(now))
+        driven = Driven(Step(now, now, outcome, ones), ones, ones, outcome, np.ones(len(now), bool))
         monkeypatch.setattr(worlds.worlds, "step", lambda command, driven=driven: driven)
     memory, on = training.memory, torch.zeros(1, 8, dtype=torch.bool)
     with torch.no_grad():
-        value = training.network(training.seen, memory, on)[1].numpy()
-        reward, ended = training._step(torch.zeros((8, 2)))
+        value = training.network(training.seen, training.state, memory, on)[1].numpy()
+        reward, ended, _ = training._step(torch.zeros((8, 2)))
     expected = np.ones(8)
     expected[[5, 7]] += training.parameters.gamma * value[[5, 7]]
     np.testing.assert_allclose(reward, expected, rtol=1e-5)
