@@ -16,7 +16,6 @@ DOCS = Path(__file__).parent
 SIDE, RATE, SPEED, END, REST = 460, 10, 2.0, 13.0, 1.5
 """Pixels, pictures in a second, seconds of the case in a second, its last time, and seconds for which that is shown."""
 
-
 CARD = """body { margin: 0 !important; padding: 0 !important; background: #111318; color: #fff; }
 body { font-family: system-ui, sans-serif; }
 main { display: grid; grid-template-columns: 570px 630px; height: 630px; }
@@ -94,4 +93,5 @@ def draw_card(out: Path) -> None:
         }""")
         tab.add_style_tag(content=CARD)
         tab.wait_for_timeout(300)
-        tab.screenshot(path=out)
+        picture = tab.screenshot()
+    Image.open(io.BytesIO(picture)).convert("RGB").quantize(dither=Image.Dither.NONE).save(out, optimize=True)

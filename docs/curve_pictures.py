@@ -4,6 +4,7 @@ import itertools
 import json
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -52,19 +53,20 @@ def draw_dial(out: Path) -> None:
 def draw_ladders(out: Path) -> None:
     """Draw the ladders of the study's page."""
     head, _, *rows = map(split_row, [line for line in LADDERS.read_text().splitlines() if line.startswith("| ")])
+    titles, *columns = zip(*rows, strict=True)
     with tempfile.TemporaryDirectory() as folder:
-        files = [Path(folder) / f"{row[0]}.json" for row in rows]
-        for file, row in zip(files, rows, strict=True):
-            file.write_text(json.dumps(read_ladder(head, row)))
+        files = [Path(folder) / f"{scenario}.json" for scenario in head[1:]]
+        for file, column in zip(files, columns, strict=True):
+            file.write_text(json.dumps(read_ladder(file.stem, titles, column)))
         ladder_figure.plot(files, out)
 
 
-def read_ladder(head: list[str], row: list[str]) -> dict[str, object]:
-    """Return a row of the study's page in the format of `studies/ladder/run.py`: rungs, with knowledge between them."""
-    rungs = dict(zip(head[1:-1:2], row[1:-1:2], strict=True))
+def read_ladder(scenario: str, titles: Sequence[str], column: Sequence[str]) -> dict[str, object]:
+    """Return a column of the study's page in the format of `studies/ladder/run.py`: rungs, with gains between them."""
+    rungs = dict(zip(titles[:-1:2], column[:-1:2], strict=True))
     score = {name: {"mean": mean(cell), "n": cell.count("cases")} for name, cell in rungs.items() if cell != "-"}
-    steps = [{"knowledge": name} for name in itertools.islice(head[2:-1:2], len(score) - 1)]
-    return {"scenario": row[0], "score": score, "steps": steps, "best_score": {"mean": mean(row[-1])}}
+    steps = [{"knowledge": title.removeprefix("+ ")} for title in itertools.islice(titles[1:-1:2], len(score) - 1)]
+    return {"scenario": scenario, "score": score, "steps": steps, "best_score": {"mean": mean(column[-1])}}
 
 
 def mean(cell: str) -> float:

@@ -26,7 +26,7 @@ from crowdbench.figures.episode_figure import (
     draw_strip,
     stored_episodes,
 )
-from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
+from crowdbench.metrics.fault import SMALL_SHARE, WINDOW, Fault, find_contacts
 from crowdbench.planners.planner import Planner
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.loading import load_stored_scenario
@@ -98,8 +98,7 @@ def draw_suite(out: Path) -> None:
         }
         vehicle = trace.position[0, state, 0]
         plane = np.stack([vehicle - AROUND, vehicle + AROUND])
-        nearest = "contact" if gap.min() < 0.0 else f"{gap.min():.2f} m"
-        note = f"{nearest} at {state * trace.rules.dt:g} s", LIGHT.text
+        note = ("contact", LIGHT.contact) if gap.min() < 0.0 else (f"gap {gap.min():.2f} m", LIGHT.text)
         bands, bounds, inch = draw_bands(plane, WHOLE / COLUMNS, note, name)
         pictures.append(([*draw_moment(dataclasses.replace(moment, **recent)), *bands], bounds, inch))
     draw_pictures(pictures, COLUMNS, out)
@@ -149,7 +148,8 @@ def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
         **{name: getattr(moment, name)[[pair[1] - 1]] for name in ("seen", "measured")},
     )
     middle = moment.position[-1].mean(axis=0)
-    note = f"φ = {contacts.share[0]:.2f}", LIGHT.text
+    share = contacts.share[0]
+    note = f"{100 * share:.0f} %", LIGHT.contact if share >= SMALL_SHARE else LIGHT.text
     bands, bounds, inch = draw_bands(np.stack([middle - REACH, middle + REACH]), WHOLE / len(FAULTS), note, title)
     # Without the star of a contact, which every picture would have.
     return [*filterfalse(is_star, draw_moment(moment)), *bands], bounds, inch
@@ -193,4 +193,5 @@ def draw_decision(out: Path) -> None:
         take_picture(run / "run.rrd", 8.0, shot)
         with Image.open(shot) as picture:
             width, height = picture.size
-            picture.convert("RGB").crop((0, 72, width, height)).reduce(2).save(out)
+            shown = picture.convert("RGB").crop((0, 72, width, height)).reduce(2)
+        shown.quantize(dither=Image.Dither.NONE).save(out, optimize=True)

@@ -30,7 +30,7 @@ WIDE = ("index", "results")
 
 def on_files(files: Files, config: Any) -> Files:
     """Add the pages and figures of the studies, their tables as data, the replay of the suite, and the notebook."""
-    for path in sorted([*STUDIES.glob("*/*.png"), *STUDIES.glob("*/*.webp")]):
+    for path in sorted([*STUDIES.glob("*/*.svg"), *STUDIES.glob("*/*.webp")]):
         files.append(File.generated(config, path.relative_to(STUDIES.parent).as_posix(), abs_src_path=str(path)))
     for path in sorted(STUDIES.glob("*/*.md")):
         uri = path.relative_to(STUDIES.parent).as_posix()

@@ -44,9 +44,9 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "ranks.svg": draw_ranks,
     "success.svg": curve_pictures.draw_success,
     "ladders.svg": curve_pictures.draw_ladders,
-    "../studies/dials/dial_density.png": curve_pictures.draw_dial,
-    "../studies/li2020/figure3.png": functools.partial(episode_pictures.draw_paper, "circle_crossing_10", EVERY_STEP),
-    "../studies/li2020/figure4.png": functools.partial(
+    "../studies/dials/dial_density.svg": curve_pictures.draw_dial,
+    "../studies/li2020/figure3.svg": functools.partial(episode_pictures.draw_paper, "circle_crossing_10", EVERY_STEP),
+    "../studies/li2020/figure4.svg": functools.partial(
         episode_pictures.draw_paper, "circle_crossing_5", Replanning(every=8, look_first=8)
     ),
     **{f"noticing/{name}.svg": functools.partial(draw_noticing, name) for name in suite_names()},

@@ -61,7 +61,7 @@ def _draw_track(axis: Axes, rows: list[Row]) -> None:
             ticks.append((place, row.planner))
             axis.plot([row.low, row.high], [place, place], color=colour, linewidth=2.0)
             axis.plot(row.mean, place, "o", color=colour)
-            axis.text(row.high + 0.012, place, row.rank, color=colour, va="center")
+            axis.text(row.high + 0.012, place, f"rank {row.rank}", color=colour, va="center")
         place += 1
     axis.set_yticks(*zip(*ticks, strict=True))
     axis.set_ylim(place - 0.3, -0.7)

@@ -16,6 +16,9 @@ from crowdbench.metrics.score import closeness
 PARTS = 25
 """Parts of a step in which the closeness is drawn."""
 
+EVERY = 3
+"""Number of these parts from one disc on the path to the next."""
+
 WIDTH = 0.15
 """Half the width of the path in metres where one pedestrian is close."""
 
@@ -43,21 +46,23 @@ def draw_score(out: Path) -> None:
     shapes, bounds, _ = Episode(trace, 0).picture()
     states = np.arange(int(trace.steps[0]) + 1) * trace.rules.dt
     path = np.stack([np.interp(times, states, axis[: len(states)]) for axis in trace.position[0, :, 0].T], axis=1)
-    shapes += [Disc(path[i], WIDTH * weights[i], LIGHT.contact) for i in np.flatnonzero(weights > 0.05)]
+    marked = [i for i in range(0, len(times), EVERY) if weights[i] > 0.1]
+    shapes += [Disc(path[i], WIDTH * weights[i], LIGHT.contact) for i in marked]
     with canvas(out, 7.0, 3.3) as figure:
         draw_panel(figure, (1, 2, 1), bounds, shapes)
         curve, bars = figure.add_subplot(2, 2, 2), figure.add_subplot(2, 2, 4)
         curve.fill_between(times, weights, color=colour["close"], alpha=0.7, linewidth=0)
-        curve.set(xlim=(0, time + close + 1), ylim=(0, 1.1 * weights.max()), ylabel="people close")
-        curve.text(time + close, 0.8, f"area: t_close = {close:.2f} s", color=colour["close"], ha="right")
+        curve.set(xlim=(0, time + close + 1), ylim=(0, 1.1 * weights.max()), xlabel="time, s", ylabel="people close")
+        curve.text(time + close, 0.55 * weights.max(), f"area: {close:.2f} s", color=colour["close"], ha="right")
         bars.barh([1], [least], color=colour["empty"], height=0.6)
         bars.barh([0], [time], color=colour["time"], height=0.6)
         bars.barh([0], [close], left=[time], color=colour["close"], height=0.6)
         for x, y, text in (
-            (least / 2, 1, f"T_empty {least:.2f} s"),
-            (time / 2, 0, f"T {time:.2f} s"),
+            (least / 2, 1, f"{least:.2f} s"),
+            (time / 2, 0, f"{time:.2f} s"),
             (time + close / 2, 0, f"{close:.2f} s"),
         ):
             bars.text(x, y, text, color="white", ha="center", va="center")
-        bars.set(xlim=curve.get_xlim(), ylim=(-0.5, 1.5), xlabel="time, s", yticks=[])
+        bars.set(xlim=curve.get_xlim(), ylim=(-0.5, 1.5), xlabel="time, s")
+        bars.set_yticks([1, 0], ["T_empty", "T + t_close"])
         bars.set_title(f"score = {least:.2f} / ({time:.2f} + {close:.2f}) = {value['score']:.2f}", loc="left")

@@ -44,13 +44,14 @@ def adapt(path: Path) -> None:
 
 
 def shrink(text: str) -> str:
-    """Return a figure without metadata and paths outside of its panels, and with one decimal in paths."""
+    """Return a figure without metadata and paths outside of its panels, with circles, and one decimal in paths."""
     for pattern, replacement in WASTE:
         text = re.sub(pattern, replacement, text, flags=re.DOTALL)
     box = r'<clipPath id="(\w+)">\s*<rect x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"'
     panels = {name: [float(value) for value in values] for name, *values in re.findall(box, text)}
     clipped = re.compile(r'<path d="([^"]*)" clip-path="url\(#(\w+)\)"[^>]*/>\s*')
     text = clipped.sub(lambda found: found[0] if _is_inside(found[1], panels[found[2]]) else "", text)
+    text = re.sub(r'<path d="([^"]*)"', lambda found: _circle(found[1]) or found[0], text)
     return re.sub(r'(?<= d=")[^"]*', lambda found: _shorten(found[0]), text)
 
 
@@ -61,6 +62,15 @@ def _is_inside(path: str, panel: list[float]) -> bool:
         max(values) > start - MARGIN and min(values) < start + size + MARGIN
         for values, start, size in zip((numbers[::2], numbers[1::2]), panel[:2], panel[2:], strict=True)
     )
+
+
+def _circle(path: str) -> str:
+    """Return the beginning of a circle in place of the eight curves that Matplotlib draws, or "" for other paths."""
+    if re.findall("[A-Za-z]", path) != ["M", *"C" * 8, "z"]:
+        return ""
+    points = [(float(x), float(y)) for x, y in re.findall(r"(-?\d+\.?\d*) (-?\d+\.?\d*)", path)]
+    (x, top), (_, bottom) = points[0], points[12]
+    return f'<circle cx="{x:.1f}" cy="{(top + bottom) / 2:.1f}" r="{abs(top - bottom) / 2:.2f}"'
 
 
 def _enlarge(size: str) -> str:

@@ -64,7 +64,7 @@ def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
                 level = np.interp(row["wanted"]["level"], np.sort(levels), np.argsort(levels))
                 ax.plot([level, level], [0.0, WANTED], ":", color=colour, linewidth=0.8)
         ax.set_xticks(place, [f"{level:g}" for level in levels])
-        ax.set(xlabel=dial["label"].format("…"), ylabel="score", ylim=(0.0, 1.02))
+        ax.set(xlabel=dial["label"].format("…").removeprefix("… "), ylabel="score", ylim=(0.0, 1.02))
         # Above the axes, because curves fall from one corner to the other.
         ax.legend(ncols=columns, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
     say(f"wrote {out}")

@@ -160,8 +160,8 @@ class FilledLadder:
         return Grid(title, ["rung", "score", "", "knows", "gained by this search, with"], rows, align="lrlll")
 
     def cells(self) -> list[str]:
-        """Return its row in a table."""
-        cells = [self.scenario]
+        """Return its column in a table: the rungs, with the gains between them, and the best planner."""
+        cells = []
         for rung, step in itertools.zip_longest(self.score, self.steps):
             cells.append(SCORE.number(self.score[rung].mean))
             if step:
@@ -227,10 +227,11 @@ class FilledLaddersTable:
         return "\n\n".join([f"## {self.title}", f"Cases {self.ladders[0].cases}.", markdown(grid.header, grid.rows)])
 
     def grids(self) -> list[Grid]:
-        """Return a row for each scenario."""
-        header = ["P0", *(cell for rung, knowledge in STEPS.items() for cell in (knowledge, rung))]
-        rows = [each.cells() for each in self.ladders]
-        return [Grid(self.title, ["scenario", *header, "best planner"], rows, self.ladders)]
+        """Return a row for each rung, and one for the gain over the rung above it, with a column for each scenario."""
+        titles = ["P0", *(title for rung, knowledge in STEPS.items() for title in (f"+ {knowledge}", rung))]
+        columns = [each.cells() for each in self.ladders]
+        rows = [list(row) for row in zip([*titles, "best planner"], *columns, strict=True)]
+        return [Grid(self.title, ["rung", *(each.scenario for each in self.ladders)], rows, self.ladders)]
 
     def notes(self) -> list[str]:
         """Return the notes below the tables of a page."""

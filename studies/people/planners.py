@@ -80,24 +80,26 @@ def planners(
 
 
 def table(names: Sequence[str], crowds: Sequence[str], episodes: Mapping[tuple[str, str], Episodes]) -> Grid:
-    """Return the table: success, fault, score and rank in each crowd, and differences of scores to the first one."""
+    """Return the table: fault, and the score after its rank, in each crowd, and differences of scores to the first one.
+
+    The planner with the best score in the last crowd is first.
+    """
     header, rows = ["planner"], [[name] for name in names]
     records: list[dict[str, Any]] = [{"planner": name} for name in names]
     first = [np.asarray(episodes[name, crowds[0]].columns["score"], float) for name in names]
     for crowd in crowds:
-        header += [f"{crowd}: success", "at fault", "score", "rank"]
+        header += [f"{crowd}: at fault", "score"]
         scores = [np.asarray(episodes[name, crowd].columns["score"], float) for name in names]
         order = np.argsort(np.argsort([-values.mean() for values in scores])) + 1
         if crowd != crowds[0]:
             header.append(f"minus {crowds[0]}")
         for number, (name, values) in enumerate(zip(names, scores, strict=True)):
-            columns = episodes[name, crowd].columns
-            shares = [f"{100.0 * np.mean(columns[rate]):.0f} %" for rate in ("success_rate", "at_fault_rate")]
-            rows[number] += [*shares, with_interval(values), str(order[number])]
+            fault = 100.0 * np.mean(episodes[name, crowd].columns["at_fault_rate"])
+            rows[number] += [f"{fault:.0f} %", f"{order[number]}: {with_interval(values)}"]
             records[number] |= {crowd: {"score": values.mean(), "rank": int(order[number])}}
             if crowd != crowds[0]:
                 rows[number].append(with_interval(values - first[number], "+"))
-    return Grid("Planners", header, rows, records)
+    return Grid("Planners", header, [rows[number] for number in np.argsort(order)], records)
 
 
 def with_interval(values: np.ndarray, sign: str = "-") -> str:

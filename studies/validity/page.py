@@ -70,16 +70,16 @@ def fill(**parts: str | int) -> str:
 
 
 def _speeds(results: Results, policies: list[str], experiment: str, people: People, at: str) -> str:
-    """Return the speeds of one kind of pedestrians by density, under all policies."""
+    """Return the speeds of one kind of pedestrians: rows for each policy, with a column for each density."""
     in_file = experiment == "single file"
-    rows = []
-    for density in people.per_metre if in_file else people.densities:
-        published = single_file_speed(density) if in_file else weidmann_speed(density, people.free_speed)
-        walks = [results[Setting(experiment, policy, people, density)] for policy in policies]
-        cells = [text for walk in walks for text in (_estimate(SPEED, walk.speed), _mean(walk.overlapping))]
-        rows.append([f"{density:g}", SPEED.amount(published), *cells])
-    header = [heading for policy in policies for heading in (policy, "overlapping")]
-    return f"{people.title}:\n\n" + markdown([at, "published", *header], rows)
+    densities = people.per_metre if in_file else people.densities
+    published = [single_file_speed(each) if in_file else weidmann_speed(each, people.free_speed) for each in densities]
+    rows = [["published", *map(SPEED.amount, published)]]
+    for policy in policies:
+        walks = [results[Setting(experiment, policy, people, density)] for density in densities]
+        rows.append([policy, *(_estimate(SPEED, walk.speed) for walk in walks)])
+        rows.append(["overlapping", *(_mean(walk.overlapping) for walk in walks)])
+    return f"{people.title}:\n\n" + markdown([at, *(f"{each:g}" for each in densities)], rows)
 
 
 def _lanes(results: Results, policy: str) -> str:
