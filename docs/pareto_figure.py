@@ -14,8 +14,14 @@ TIMES, CLOSE = (0.9, 2.4), (0.0, 0.8)
 RADIUS = 13.0
 """Radius of the dot of a planner that always succeeds, in pixels. The area is the success."""
 
-LIFTS, APART = (-15.0, 24.0, -28.0), (70.0, 13.0)
-"""Heights of the names beside their dots, and least distances between names, in pixels."""
+PLACES = ((0.0, -15.0, "mid"), (0.0, 24.0, "mid"), (15.0, 4.0, "start"), (-15.0, 4.0, "end"))
+"""Places of a name, in order of preference: x and y from its dot in pixels, and the part of the text at this place."""
+
+LETTER, ASCENT, DESCENT = 7.4, 10.0, 2.0
+"""Width of a letter of a name in pixels, and heights above and below its line."""
+
+Box = tuple[float, float, float, float]
+"""The smallest and largest x and y of a rectangle: x0, y0, x1, y1."""
 
 
 def parts(track: str) -> dict[str, tuple[float, float, float]]:
@@ -39,6 +45,18 @@ def place(time: float, close: float) -> tuple[float, float]:
     return round(x, 1), round(HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * (close - CLOSE[0]) / (CLOSE[1] - CLOSE[0]), 1)
 
 
+def box_of(name: str, x: float, y: float, part: str) -> Box:
+    """Return the rectangle of a name; the part of the text is "start", "mid" or "end"."""
+    width = LETTER * len(name)
+    left = x - {"start": 0.0, "mid": 0.5, "end": 1.0}[part] * width
+    return left, y - ASCENT, left + width, y + DESCENT
+
+
+def overlap(one: Box, other: Box) -> bool:
+    """Return whether two rectangles overlap."""
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
 def figure() -> str:
     """Return the figure as SVG inside a page."""
     exact, real = (parts(track) for track in MEANS)
@@ -55,20 +73,23 @@ def figure() -> str:
         lines.append(f'<text x="{x - 8}" y="{y + 4}" class="end">{close:g}</text>')
     lines.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 6}" class="mid">time / least time: quicker to the left</text>')
     turned = f'transform="translate(14 {HEIGHT / 2 - 10}) rotate(-90)" class="mid"'
-    lines.append(f"<text {turned}>time close to people / least time</text>")
-    named: list[tuple[float, float]] = []
+    lines.append(f"<text {turned}>time close to people / least time: less is better</text>")
+    taken: list[Box] = []
+    for track, radius in ((exact, 4.0), (real, RADIUS)):
+        dots = [place(time, close) for _, time, close in track.values()]
+        taken += [(x - radius, y - radius, x + radius, y + radius) for x, y in dots]
     for name, (success, time, close) in real.items():
         (x, y), (x0, y0) = place(time, close), place(*exact[name][1:])
-        free = [
-            y + lift for lift in LIFTS if all(abs(x - u) > APART[0] or abs(y + lift - v) > APART[1] for u, v in named)
-        ]
-        named.append((x, (free or [y + LIFTS[0]])[0]))
+        spots = [(x + dx, y + dy, part) for dx, dy, part in PLACES]
+        free = [spot for spot in spots if not any(overlap(box_of(name, *spot), other) for other in taken)]
+        u, v, part = (free or spots)[0]
+        taken.append(box_of(name, u, v, part))
         others = "" if name == leader else f",{leader}"
         title = f"{name}: {success:g} % succeed, {time:g} times the least time"
         lines.append(
             f'<a href="index.html#val/{case_of(name)}:{name}{others}"><title>{title}</title>'
             f'<path class="track" d="M{x0} {y0}L{x} {y}"/><circle class="exact" cx="{x0}" cy="{y0}" r="4"/>'
             f'<circle class="real" cx="{x}" cy="{y}" r="{RADIUS * (success / 100.0) ** 0.5:.1f}"/>'
-            f'<text x="{x}" y="{named[-1][1]}" class="mid name">{name}</text></a>'
+            f'<text x="{u:.1f}" y="{v:.1f}" class="{part} name">{name}</text></a>'
         )
     return "\n".join([*lines, "</svg></div>"])

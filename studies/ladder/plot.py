@@ -63,7 +63,7 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
             added = title not in (BEST, FIRST, "search")
             panel.set_title("best known" if title == "search" else f"+ {title}" if added else title)
             panel.set_yticks(range(len(found)), scenarios)
-        figure.supxlabel("mean score; black: in the panel before", fontsize="medium")
+        figure.supxlabel("mean score; tick: in the panel before", fontsize="medium")
     say(f"wrote {out}")
 
 
