@@ -102,6 +102,19 @@ def measure_scans(worlds: int = 500) -> Iterator[Measurement]:
             yield Measurement(work_name, 1e6 * in_turns(ROUNDS, work)[0] / (worlds * agents), "us")
 
 
+def measure_fleets(worlds: int = 100) -> Iterator[Measurement]:
+    """Measure steps of worlds with four vehicles, and of worlds with one vehicle and as many agents."""
+    fleet, alone = (
+        load_scenario("fleet_4", {"vehicle.number": vehicles, "pedestrians.number": 16 - vehicles})
+        for vehicles in (4, 1)
+    )
+    four, one = in_turns(5, *(functools.partial(observed_steps, scenario, worlds) for scenario in (fleet, alone)))
+    work = f"processor time of a step and its observations, {worlds} worlds of 16 agents, per vehicle"
+    yield Measurement(f"{work}: four vehicles", 1e6 * four / 4, "us")
+    yield Measurement(f"{work}: one vehicle", 1e6 * one, "us")
+    yield Measurement("ratio of the two", four / 4 / one, "")
+
+
 def measure_thousands() -> Iterator[Measurement]:
     """Measure steps of one world with thousands of agents, per agent."""
     for agents in THOUSANDS:
