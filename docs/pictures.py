@@ -16,6 +16,7 @@ import episode_pictures
 import numpy as np
 import themed_svg
 from cross_film import draw_card, draw_cross
+from fleet_film import draw_fleet
 from noticing_page import draw_noticing, suite_names
 from PIL import Image, ImageSequence
 from rank_picture import draw_ranks
@@ -38,6 +39,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "strip.svg": episode_pictures.draw_moments,
     "step.svg": episode_pictures.draw_step,
     "groups.svg": episode_pictures.draw_groups,
+    "fleet.svg": draw_fleet,
     "faults.svg": episode_pictures.draw_faults,
     "decision.png": episode_pictures.draw_decision,
     "score.svg": draw_score,
