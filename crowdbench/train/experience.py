@@ -15,7 +15,7 @@ class Experience(NamedTuple):
 
     Attributes:
         seen: The observations.
-        state: What the critic knows in addition, see `critic` in `crowdbench.train.ppo.Parameters`.
+        state: Numbers that the value depends on in addition, see `critic` in `crowdbench.train.ppo.Parameters`.
         memory: The policy's memory before the first of the steps.
         begins: True for steps that were the first of an episode.
         action: The actions, in m/s.
