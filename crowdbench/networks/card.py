@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 CardText = tuple[str, Mapping[str, str], Sequence[str]]
@@ -55,7 +55,7 @@ def _driving_text(card: Mapping[str, Any]) -> CardText:
     trained, figures, validation = card["training"], card["figures"], card["training"]["validation"]
     setting, conditions = f"in {crowd(trained['scenario'])}", ""
     if "reward" in trained:
-        unit, further = "steps", [crowd(scenario) for scenario in trained["beside"]]
+        unit, further = "steps", [_listed(scenario) for scenario in trained["beside"]]
         rows = {"trained beside in": "; ".join(further)} if further else {}
         shown = f"{trained['nearest']} at most, the nearest" if trained["nearest"] else "none, but scans of a lidar"
         rows |= {"reward": str(trained["reward"]), "pedestrians shown": shown}
@@ -106,11 +106,18 @@ def crowd(scenario: Mapping[str, Any]) -> str:
     return f"{scenario['name']}, {number} {'pedestrian' if number == '1' else 'pedestrians'}"
 
 
-def episodes(scenario: Mapping[str, Any]) -> str:
-    """Describe the data of a training in episodes of a scenario."""
-    if "tracks" not in scenario:
-        return "simulated episodes only"
-    return f"simulated episodes with the recorded tracks of {scenario['tracks']['scene']}"
+def _listed(scenario: Mapping[str, Any]) -> str:
+    """Describe a scenario beside the first one, with the number of times it is listed."""
+    times = scenario.get("times", 1)
+    return crowd(scenario) + (f" ({times} times)" if times > 1 else "")
+
+
+def episodes(scenarios: Iterable[Mapping[str, Any]]) -> str:
+    """Describe the data of a training in episodes of scenarios."""
+    scenes = dict.fromkeys(scenario["tracks"]["scene"] for scenario in scenarios if "tracks" in scenario)
+    return (
+        f"simulated episodes with the recorded tracks of {', '.join(scenes)}" if scenes else "simulated episodes only"
+    )
 
 
 def rate(estimate: Mapping[str, Any]) -> str:

@@ -139,7 +139,7 @@ class DrivingTraining(Training):
                 "minutes": round(self.seconds / 60, 1),
             },
             "figures": figures,
-            "data": cards.episodes(self.scenario.table),
+            "data": cards.episodes(scenario.table for scenario in (self.scenario, *self.also_train_in)),
         }
 
     def restore(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:

@@ -299,7 +299,7 @@ class PPOTraining(DrivingTraining):
         conditions = {
             "nearest": self.interface.nearest,
             "reward": self.config.reward,
-            "beside": [describe_scenario(scenario) for scenario in self.also_train_in],
+            "beside": _count_listed(self.also_train_in),
             "ppo": dataclasses.asdict(self.parameters),
         }
         for name, plugin in {"reward": self.config.reward, "encoder": self.config.encoder}.items():
@@ -320,6 +320,12 @@ def _share_worlds(worlds: int, scenarios: Sequence[Scenario]) -> list[tuple[Scen
     ends = np.cumsum([size for _, size in shares.values()])
     rows = np.split(np.arange(worlds), ends[:-1])
     return [(scenario, part) for (scenario, _), part in zip(shares.values(), rows, strict=True)]
+
+
+def _count_listed(scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
+    """Describe each scenario once, with the number of `times` it is listed."""
+    facts = [describe_scenario(scenario) for scenario in scenarios]
+    return [{**one, "times": facts.count(one)} for number, one in enumerate(facts) if one not in facts[:number]]
 
 
 def advantages(

@@ -318,7 +318,7 @@ def test_networks_learn_among_recorded_people(config_of, network, tmp_path):
     assert f"--scenario {file} --data {tmp_path.name}" in config.command
     table = {"name": place.name, **place.table}
     assert card.crowd(table) == "mine, people of mine"
-    assert card.episodes(table) == "simulated episodes with the recorded tracks of mine"
+    assert card.episodes([table]) == "simulated episodes with the recorded tracks of mine"
     with pytest.raises(InputError, match="--data does not go with circle_crossing_5, which has no table"):
         trainings.start(dataclasses.replace(config, scenario="circle_crossing_5", validation=None))
     with pytest.raises(InputError, match="give the folder that holds them, --data DIR"):
