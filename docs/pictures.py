@@ -16,6 +16,7 @@ import episode_pictures
 import numpy as np
 import themed_svg
 from cross_film import draw_card, draw_cross
+from cross_play_picture import draw_cross_play
 from fleet_film import draw_fleet
 from noticing_page import draw_noticing, suite_names
 from PIL import Image, ImageSequence
@@ -46,6 +47,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "ranks.svg": draw_ranks,
     "success.svg": curve_pictures.draw_success,
     "ladders.svg": curve_pictures.draw_ladders,
+    "../studies/cross_play/scores.svg": draw_cross_play,
     "../studies/dials/dial_density.svg": curve_pictures.draw_dial,
     "../studies/li2020/figure3.svg": functools.partial(episode_pictures.draw_paper, "circle_crossing_10", EVERY_STEP),
     "../studies/li2020/figure4.svg": functools.partial(

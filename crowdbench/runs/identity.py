@@ -39,7 +39,7 @@ REACHED = (
 )
 """The files and folders that a rollout can reach, apart from the files of its planner."""
 
-_SUFFIXES = (".py", ".pyi", ".npz")
+_SUFFIXES = (".py", ".pyi", ".safetensors")
 
 UNKNOWN = "unknown-"
 """Prefix of keys of `new_key`."""

@@ -150,7 +150,7 @@ def test_cards_of_weights(weights, edits):
 @given(BYTES)
 def test_onnx(folder, edits):
     pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed: pip install 'crowdbench[onnx]'")
-    sound = (ROOT / "studies" / "learn_together" / "together.onnx").read_bytes()
+    sound = (ROOT / "studies" / "cross_play" / "together-seed0.onnx").read_bytes()
     (folder / "mine.onnx").write_bytes(edit_bytes(sound, edits))
     answer("run", "--planner", folder / "mine.onnx", "--cases", "val:2", "--set", "time_limit=2.0", "--record", "none",
            "--out", folder / "driven", "--overwrite")  # fmt: skip

@@ -223,7 +223,7 @@ EDITS = {
     "crowdbench/core/types/__init__.pyi": (True, False),
     "crowdbench/runs/rollout.py": (True, False),
     "agents/pedestrians/orca.py": (True, False),
-    "agents/pedestrians/learned/learned.npz": (True, False),
+    "agents/pedestrians/learned/learned-seed0.safetensors": (True, False),
     "crowdbench/metrics/motion.py": (False, True),
     "crowdbench/cli/cases.py": (False, False),
     "crowdbench/runs/replay.py": (False, False),
