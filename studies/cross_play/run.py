@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -99,20 +100,30 @@ def summary(ranked: Mapping[str, Standing], scores: Crossed) -> str:
         ranked: The return value of `standings`.
         scores: The scores.
     """
-    from studies.cross_play.strangers import SCORE, self_play
+    from studies.cross_play.strangers import DELAY, SCORE, self_play
 
     first, best = next(iter(ranked.items()))
     safest = max(ranked, key=lambda vehicle: ranked[vehicle].worst[0])
     worst, crowd = ranked[safest].worst
     learned = {name: SCORE.estimate(each) for name, each in self_play(scores, TOGETHER, KNOWN).items()}
     also = "It also" if safest == first else f"`{safest}`"
+    delays = {vehicle: each.delay for vehicle, each in ranked.items() if not math.isnan(each.delay)}
+    kind, rude = min(delays, key=lambda name: delays[name]), max(delays, key=lambda name: delays[name])
+    foreign = [
+        float(scores[vehicle][crowd].mean())
+        for vehicle, own in TOGETHER.items()
+        for crowd in TOGETHER.values()
+        if crowd != own
+    ]
     return (
         f"`{first}` is best among strangers, with a mean score of {SCORE.estimate(best.strangers)}. "
-        f"{also} has the best score in its worst crowd of strangers: {SCORE.number(worst)}, in `{crowd}`.\n\n"
-        f"A vehicle that learned together with its crowd scores {learned['own']} in this crowd, "
-        f"{learned['other seeds']} in crowds from other seeds of the same training, and {learned['strangers']} among "
-        f"all strangers. Self-play overstates its score by {learned['excess']}. The excess is "
-        f"{learned['familiarity']} larger than for vehicles that know no crowd."
+        f"{also} has the best score in its worst crowd of strangers: {SCORE.number(worst)}, in `{crowd}`. Strangers "
+        f"lose {DELAY.amount(delays[kind])} of their time to `{kind}`, the least, and {DELAY.amount(delays[rude])} to "
+        f"`{rude}`, the most.\n\n"
+        f"A vehicle that learned together with its crowd scores {learned['own']} in this crowd, and "
+        f"{learned['strangers']} among strangers: self-play overstates its score by {learned['excess']}. The excess is "
+        f"{learned['familiarity']} larger than for vehicles that know no crowd. In crowds from another seed of the "
+        f"same training it scores from {SCORE.interval(min(foreign), max(foreign))}."
     )
 
 

@@ -88,8 +88,8 @@ def self_play(scores: Crossed, pairs: Mapping[str, str], known: Known) -> dict[s
         known: The crowds that each vehicle knows.
 
     Returns:
-        The score in the vehicle's crowd (`own`), in the crowds of the other pairs (`other seeds`), and in all crowds
-        but its own (`strangers`). `excess` and `familiarity` are as in `Standing`.
+        The score in the vehicle's crowd (`own`), and in all crowds but its own (`strangers`). `excess` and
+        `familiarity` are as in `Standing`.
     """
     parts: dict[str, list[Values]] = {}
     for vehicle, crowd in pairs.items():
@@ -97,7 +97,6 @@ def self_play(scores: Crossed, pairs: Mapping[str, str], known: Known) -> dict[s
         gain = excess(row, [crowd])
         values = {
             "own": row[crowd],
-            "other seeds": _mean(row, [other for other in pairs.values() if other != crowd]),
             "strangers": row[crowd] - gain,
             "excess": gain,
             "familiarity": gain - _usual(scores, known, [crowd]),
