@@ -1,1 +1,1 @@
-cross.about = {"scenario": "circle_20_blind", "collided": [12, 13, 13, 14, 12, 12, 10, 13, 11, 13, 12, 11, 13, 16, 10, 14, 14, 14, 15, 10, 13, 13, 10, 12, 13, 13, 12, 11, 12, 11], "first": 13, "sensor": {"range": 8.0, "position": 0.17, "missed": 0.15, "false": 1.0, "radius": 0.3}};
+cross.about = {"scenario": "circle_20_blind", "collided": [12, 15, 14, 15, 12, 11, 11, 13, 13, 13, 13, 11, 11, 15, 9, 12, 14, 14, 15, 10, 13, 13, 10, 11, 13, 14, 14, 11, 11, 8], "first": 1, "sensor": {"range": 8.0, "position": 0.17, "missed": 0.15, "false": 1.0, "radius": 0.3}};
