@@ -15,7 +15,7 @@ from tables import split_row
 
 import crowdbench
 from crowdbench.api import rollout
-from crowdbench.figures.plots import success_over_time
+from crowdbench.figures.plots import learning_curves, success_over_time
 from crowdbench.metrics.registry import METRICS
 from crowdbench.scenario.cases import Cases
 from studies.dials import plot as dial_figure
@@ -24,6 +24,9 @@ from studies.dials.estimate import fit
 from studies.dials.table import DialRow, FilledDial, Measurement
 from studies.ladder import plot as ladder_figure
 from studies.pages import keep
+
+CURVES = Path(__file__).parent / "curves"
+"""A folder per seed, with a folder per network, as a training leaves it."""
 
 LADDERS = Path(__file__).parents[1] / "studies" / "ladder" / "README.md"
 
@@ -35,6 +38,11 @@ def draw_success(out: Path) -> None:
         for run in runs:
             crowdbench.run(run.name, "circle_crossing_5", "val:100", out=run, record="none", progress=lambda _: None)
         success_over_time(runs, out)
+
+
+def draw_curves(out: Path) -> None:
+    """Draw the learning curves of networks that ship."""
+    learning_curves(sorted(CURVES.glob("*/*"), key=lambda folder: (folder.name, folder)), out)
 
 
 def draw_dial(out: Path) -> None:

@@ -46,6 +46,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "score.svg": draw_score,
     "ranks.svg": draw_ranks,
     "success.svg": curve_pictures.draw_success,
+    "curves.svg": curve_pictures.draw_curves,
     "ladders.svg": curve_pictures.draw_ladders,
     "../studies/cross_play/scores.svg": draw_cross_play,
     "../studies/dials/dial_density.svg": curve_pictures.draw_dial,

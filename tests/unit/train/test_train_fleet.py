@@ -66,6 +66,7 @@ def test_rows_that_do_not_fill_a_world_are_refused(tmp_path):
         Runner.start(config, tmp_path / "run", "cpu")
 
 
+@pytest.mark.slow
 def test_the_critic_knows_the_state_of_the_world(tmp_path):
     training = Runner.start(CONFIG, tmp_path / "run", "cpu").training
     training.train_until(0.1)
@@ -76,7 +77,7 @@ def test_the_critic_knows_the_state_of_the_world(tmp_path):
     assert not torch.equal(*values)
 
 
-@pytest.mark.parametrize("critic", ["own", "state"])
+@pytest.mark.parametrize("critic", [pytest.param("own", marks=pytest.mark.slow), "state"])
 def test_steps_of_vehicles_that_wait_teach_nothing(critic, tmp_path):
     """Another action, observation, advantage and target in them give the same gradient."""
     config = dataclasses.replace(CONFIG, ppo={**SIZES, "critic": critic})

@@ -1,0 +1,1 @@
+"""Planners and networks that drive all vehicles of a world."""
