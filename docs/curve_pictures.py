@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from tables import split_row
 
 import crowdbench
 from crowdbench.api import rollout
+from crowdbench.figures import plots
 from crowdbench.figures.plots import learning_curves, success_over_time
 from crowdbench.metrics.registry import METRICS
 from crowdbench.scenario.cases import Cases
@@ -27,6 +29,8 @@ from studies.pages import keep
 
 CURVES = Path(__file__).parent / "curves"
 """A folder per seed, with a folder per network, as a training leaves it."""
+
+CROSS = Path(__file__).parents[1] / "studies" / "fleets" / "cross.md"
 
 LADDERS = Path(__file__).parents[1] / "studies" / "ladder" / "README.md"
 
@@ -43,6 +47,21 @@ def draw_success(out: Path) -> None:
 def draw_curves(out: Path) -> None:
     """Draw the learning curves of networks that ship."""
     learning_curves(sorted(CURVES.glob("*/*"), key=lambda folder: (folder.name, folder)), out)
+
+
+def draw_matrix(out: Path) -> None:
+    """Draw the scores of planners among vehicles of other planners, from the page of the study."""
+    lines = [split_row(line) for line in CROSS.read_text().splitlines() if line.startswith("|")]
+    columns = [name.removesuffix(".py") for name in lines[0]]
+    records = [
+        {"planner": planner.removesuffix(".py")}
+        | {
+            column: SimpleNamespace(mean=float(cell.split()[0]))
+            for column, cell in zip(columns[1:], cells, strict=True)
+        }
+        for planner, *cells in lines[2:]
+    ]
+    plots.draw_matrix(records, out)
 
 
 def draw_dial(out: Path) -> None:

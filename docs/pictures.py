@@ -41,6 +41,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "step.svg": episode_pictures.draw_step,
     "groups.svg": episode_pictures.draw_groups,
     "fleet.svg": draw_fleet,
+    "fleet_matrix.svg": curve_pictures.draw_matrix,
     "faults.svg": episode_pictures.draw_faults,
     "decision.png": episode_pictures.draw_decision,
     "score.svg": draw_score,

@@ -17,8 +17,10 @@ OTHERS = {
     "dddddd": "343945",
     "999999": "6f7582",
     "fff3c8": "4b4223",
+    "101010": "101010",
+    "f8f8f8": "f8f8f8",
 }
-"""Dark colours for those that are in no palette: axes, grids, series, and a field of view."""
+"""Dark colours for those that are in no palette: axes, grids, series, a field of view, and numbers on coloured cells."""
 
 WASTE = (
     (r"<metadata>.*?</metadata>\s*|<\?xml.*?\?>\s*|<!DOCTYPE[^>]*>\s*|<!--.*?-->\s*", ""),

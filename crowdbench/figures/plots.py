@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from crowdbench.core.types import Outcome
 from crowdbench.drawing import FONT_SIZE
-from crowdbench.figures.style import COLOURS, DASHES, FIGURE_HEIGHT, axes
+from crowdbench.figures.style import COLOURS, DASHES, FIGURE_HEIGHT, axes, canvas
 from crowdbench.metrics.summary import LEAST_CASES, bootstrap, rate
 from crowdbench.results.table import RunTable
 from crowdbench.utils import files
@@ -125,14 +125,19 @@ def draw_matrix(records: Sequence[Mapping[str, Any]], out: Path) -> None:
     """
     columns = list(records[0])[1:]
     means = np.array([[record[column].mean for column in columns] for record in records])
-    with axes(out, height=1.6 + 0.25 * len(records)) as ax:
-        ax.imshow(means, "cividis", vmin=0.0, vmax=1.0, aspect="auto")
+    # The names of files are too long beside cells of the size of a number.
+    names = [name.rpartition("/")[2] for name in (*columns, *(record["planner"] for record in records))]
+    middle = (means.min() + means.max()) / 2.0
+    with canvas(out, 1.5 + 0.34 * len(columns), 1.5 + 0.25 * len(records)) as figure:
+        ax = figure.add_subplot()
+        ax.imshow(means, "cividis", aspect="auto")
         ax.grid(visible=False)
-        ax.set_xticks(range(len(columns)), columns, rotation=45, ha="right")
-        ax.set_yticks(range(len(records)), [record["planner"] for record in records])
+        ax.set_xticks(range(len(columns)), names[: len(columns)], rotation=45, ha="right")
+        ax.set_yticks(range(len(records)), names[len(columns) :])
         ax.set(xlabel="planner of the other vehicles", ylabel="planner")
         for (row, column), mean in np.ndenumerate(means):
-            ax.text(column, row, f"{mean:.2f}", ha="center", va="center", color="black" if mean > 0.5 else "white")
+            ink = "#101010" if mean > middle else "#f8f8f8"  # colours that no theme replaces
+            ax.text(column, row, f"{mean:.2f}", ha="center", va="center", color=ink)
 
 
 def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "success") -> None:
