@@ -20,7 +20,7 @@ OTHERS = {
     "101010": "101010",
     "f8f8f8": "f8f8f8",
 }
-"""Dark colours for those that are in no palette: axes, grids, series, a field of view, and numbers on coloured cells."""
+"""Dark colours for those that are in no palette: axes, grids, series, a field of view, and numbers in cells."""
 
 WASTE = (
     (r"<metadata>.*?</metadata>\s*|<\?xml.*?\?>\s*|<!DOCTYPE[^>]*>\s*|<!--.*?-->\s*", ""),
