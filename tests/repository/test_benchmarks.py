@@ -38,7 +38,7 @@ def test_options_that_do_not_belong_together_are_refused():
 def test_every_measurement_is_in_the_table(monkeypatch):
     monkeypatch.setattr(simulator, "ROUNDS", 1)
     short = {
-        simulator: {"steps": (), "environments": (), "scans": (20,)},
+        simulator: {"steps": (), "environments": (), "scans": (20,), "fleets": (2,)},
         decisions: {"isolation": (2, 1), "sarl": (3, 1, 2), "large_crowds": (1,)},
         commands: {"start_up": ()},
     }
@@ -49,7 +49,7 @@ def test_every_measurement_is_in_the_table(monkeypatch):
             given = arguments.get(name.removeprefix("measure_"))
             work = list if given is None else functools.partial(getattr(module, name), *given)
             monkeypatch.setattr(module, name, work)
-    assert taken == 17
+    assert taken == 18
     lines = printed().splitlines()
     assert sum("SARL decision, 5 pedestrians" in line for line in lines) == 2
     assert sum("environment, 6 agents, per step" in line for line in lines) == 2

@@ -153,7 +153,7 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
         assert "people on a circle" in result.output
     figure = tmp_path / "dial.svg"
     assert CliRunner().invoke(build_script(plot), [*map(str, files), "--out", str(figure)]).exit_code == 0
-    assert "… people on a circle" in figure.read_text()
+    assert ">people on a circle<" in figure.read_text()
     assert "P3 of the ladder" in figure.read_text()
     options = ["--planner", "P2", "--option", "horizon=3"]
     assert "P2 is a rung of the ladder, which takes no options" in str(
