@@ -209,6 +209,7 @@ def test_a_run_without_standard_streams_keeps_its_result(tmp_path):
     assert read_result(tmp_path / "kept")["run"]["cases"] == "test:0:2"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_output_is_told_once():
     command = [sys.executable, "-m", "crowdbench", "list", "metrics"]

@@ -197,6 +197,7 @@ def test_a_run_that_is_killed_again_and_again_is_the_whole_in_the_end(whole, tmp
     assert list(tmp_path.glob("*killed*")) == [tmp_path / "killed"]
 
 
+@pytest.mark.slow
 def test_recordings_are_merged_too(tmp_path):
     go(tmp_path / "one", record="failures")
     go(tmp_path / "a", record="failures", batch=5)

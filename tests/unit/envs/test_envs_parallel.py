@@ -325,6 +325,7 @@ def table_of_training():
         yield name.strip("`"), re.findall("`([a-z_0-9]+)`", values)
 
 
+@pytest.mark.slow
 def test_every_environment_has_the_arguments_of_the_page():
     known = {
         "reward": list(REWARDS.built_in()),

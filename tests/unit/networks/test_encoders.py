@@ -45,6 +45,7 @@ def mine(tmp_path):
     return str(tmp_path / "mine.py")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("network", POLICIES)
 def test_a_policy_is_trained_and_drives_with_an_encoder_of_ones_own(network, mine, tmp_path, monkeypatch):
     trainings.shorten(monkeypatch, ppo, 4, CASES=16, CHUNK=2, VALIDATIONS=1)

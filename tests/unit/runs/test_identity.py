@@ -55,6 +55,7 @@ def interrupted(out, planner, **settings):
     return "\n".join(stop.value.__notes__)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", [pytest.param(None, marks=pytest.mark.slow), "mine 1"])
 def test_a_planner_object_is_resumed_by_its_key_alone(tmp_path, key):
     notes = interrupted(tmp_path / "a", Mine(1.0, stops=True), key=key)
