@@ -57,7 +57,10 @@ class TrainingWorlds:
         self.worlds: World
         self._vehicles, name = view.scenario.rules.vehicles, view.scenario.name
         if number % self._vehicles:
-            raise InputError(f"{name} has {self._vehicles} vehicles, but a share of {number}: give a multiple of it")
+            raise InputError(
+                f"{name} has {self._vehicles} vehicles in a world, but the training drives {number} there: the number "
+                f"must be a multiple of {self._vehicles}"
+            )
         self._number, self._view, self._reward, self._cases = number, view, reward, cases
         self._starts: World | None = None
         self._returned, self._length = np.zeros(number), np.zeros(number, np.int64)

@@ -62,7 +62,9 @@ def test_a_world_starts_again_when_all_its_vehicles_have_ended():
 
 def test_rows_that_do_not_fill_a_world_are_refused(tmp_path):
     config = dataclasses.replace(CONFIG, ppo={**SIZES, "worlds": 6})
-    with pytest.raises(InputError, match=r"^fleet_4 has 4 vehicles, but a share of 6: give a multiple of it"):
+    with pytest.raises(
+        InputError, match=r"^fleet_4 has 4 vehicles in a world, but the training drives 6 there: .* of 4$"
+    ):
         Runner.start(config, tmp_path / "run", "cpu")
 
 
