@@ -112,12 +112,12 @@ OF_FLEETS: dict[str, Metric] = {"worst_score": worst_score}
 
 
 MAIN = (
+    "score",
     "success_rate",
     "collision_rate",
     "at_fault_rate",
     "timeout_rate",
     "navigation_time",
-    "sct",
     "jerk",
     "minimum_gap",
 )

@@ -28,7 +28,7 @@ FILE = "board.toml"
 SUITE = "suite"
 """The value of `families` for the ranked scenarios of `crowdbench suite`."""
 
-MEASURED = (*MAIN, "score", "intimate_zone", "max_velocity_change", "imposed_delay", "imposed_delay_positive")
+MEASURED = (*MAIN, "sct", "intimate_zone", "max_velocity_change", "imposed_delay", "imposed_delay_positive")
 """The metrics that boards show."""
 
 AMONG = "+"

@@ -306,7 +306,7 @@ def test_a_run_shows_its_main_metrics_and_how_to_see_its_failures(tmp_path, caps
     shown = capsys.readouterr().out
     table = shown.partition(" metrics in all")[0]
     titles = [line.partition("  ")[0] for line in table.splitlines()[2:] if "  " in line]
-    assert titles == ["success", "collisions", "at fault", "timeouts", "SCT", "jerk"]
+    assert titles == ["score", "success", "collisions", "at fault", "timeouts", "jerk"]
     assert f"4 collisions (cases 0, 1, 2, 3): crowdbench view {out} --case 0" in shown
     app(
         ["run", "--planner", "straight", "--cases", "4", "--out", out, "--overwrite", "--all-metrics"],
