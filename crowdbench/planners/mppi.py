@@ -144,8 +144,8 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             futures = Prediction(prediction.position[part], prediction.velocity[part])
             chunk = obs.take(part)
             scene = scene_of(chunk, futures, 0, chunk.vehicle, self.horizon)
-            halo = radius_inflation(chunk, self.horizon, self.weights.sigma_factor)
-            best[part], paths = self.optimize(scene, halo, hidden_scene(chunk, scene), first[part], noise[part])
+            guesses, hidden = first[part], hidden_scene(chunk, scene)
+            best[part], paths = self.optimize(scene, self.halo(chunk), hidden, guesses, noise[part])
             order = np.argsort(-paths[:, :, 0, 2], axis=1, kind="stable")[:, : shown.shape[1], None, None]
             shown[part] = np.take_along_axis(paths, order, axis=1)
             if obs.logs is not None:
@@ -159,6 +159,10 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             obs.log("sampled", shown.swapaxes(1, 2))
             obs.log("planned", path[:, :, None])
         return best[:, :steps]
+
+    def halo(self, obs: Observation) -> RadiusInflation:
+        """Return the width of each pedestrian's halo in each step, in metres."""
+        return radius_inflation(obs, self.horizon, self.weights.sigma_factor)
 
     def first_guesses(self, obs: Observation) -> Sequences:
         """Return the rest of the last plan, the path to the goal, and constant commands."""

@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import ORCA, InputError, MPPIPlanner, Observation, Prediction, Predictor
+from crowdbench.planners import RadiusInflation, radius_inflation
 
 from .goal_belief import INFERENCE, GoalBelief, Inference
 from .roll_out import roll_out
@@ -49,7 +50,7 @@ stops of young adults."""
 
 
 COSTS = dataclasses.replace(MPPIPlanner.weights, fading=0.75)
-"""Contacts fade sooner than in `mppi`: with its 0.8 the vehicle waits longer in streets and among blocks."""
+"""Contacts fade less than in `mppi`, whose prediction is less certain."""
 
 
 class GoalRollOuts(Predictor):
@@ -106,6 +107,10 @@ class InteractiveMPPI(MPPIPlanner):
     """`MPPIPlanner` whose predictor has a memory of each episode."""
 
     predictor: GoalRollOuts
+
+    def halo(self, obs: Observation) -> RadiusInflation:
+        """See `MPPIPlanner`: the futures differ by goals, so that only an error of the present motion is left."""
+        return radius_inflation(obs, self.horizon, self.weights.sigma_factor, KEEP)
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """See `Planner`."""
