@@ -86,7 +86,7 @@ class DrivingTraining(Training):
     def validate(self, **quantities: float) -> None:
         """Run the validation cases. Add the current network to `validated`, and a point to the curve.
 
-        The point has means over the cases of all validation scenarios: `success` from 0 to 1;
+        The point has means over the vehicles of the cases of all validation scenarios: `success` from 0 to 1;
         `navigation_time_or_limit` in seconds, the time limit for failures; and `curve_metric`.
 
         Args:
@@ -99,7 +99,7 @@ class DrivingTraining(Training):
             self.validated.append(network)
         for name in ("success_rate", "navigation_time_or_limit", self.curve_metric):
             column = "success" if name == "success_rate" else name
-            quantities[column] = float(np.nanmean([METRICS[name](trace) for trace in traces]))
+            quantities[column] = float(np.nanmean(np.concatenate([METRICS[name](trace) for trace in traces])))
         self.add_point(**quantities)
 
     def describe(self, point: Point) -> str:

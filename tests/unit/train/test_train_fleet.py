@@ -60,6 +60,13 @@ def test_a_world_starts_again_when_all_its_vehicles_have_ended():
     assert restarts > 2
 
 
+def test_a_validation_takes_worlds_with_different_numbers_of_vehicles(tmp_path):
+    config = dataclasses.replace(CONFIG, validation="fleet_4,fleet_door_3", overrides={})
+    training = Runner.start(config, tmp_path / "run", "cpu").training
+    training.validate(steps=0)
+    assert 0.0 <= training.curve[0]["success"] <= 1.0
+
+
 def test_rows_that_do_not_fill_a_world_are_refused(tmp_path):
     config = dataclasses.replace(CONFIG, ppo={**SIZES, "worlds": 6})
     with pytest.raises(
