@@ -92,6 +92,15 @@ def test_cross_prints_a_matrix_in_each_format(call, tmp_path):
     assert "toprule" in call(*given, "--format", "latex").stdout
 
 
+@pytest.mark.slow
+def test_cross_with_workers_prints_the_same_matrix(call, tmp_path):
+    given = ("cross", "straight", "orca", "--cases", "4", "--format", "csv")
+    alone = call(*given, "--out", str(tmp_path / "alone"))
+    together = call(*given, "--out", str(tmp_path / "together"), "--workers", "2")
+    assert alone.returncode == together.returncode == 0, together.stderr
+    assert alone.stdout == together.stdout
+
+
 def test_wrong_teams_get_one_sentence(call, tmp_path):
     done = call("run", "--planner", "orca", "--others", "orca", "--cases", "1", "--out", str(tmp_path / "a"))
     assert done.returncode != 0
