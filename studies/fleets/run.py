@@ -11,7 +11,8 @@ from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
 from crowdbench.utils import Format, markdown, printed_by
 
 SCENARIOS = ("fleet_4", "fleet_door_3")
-NETWORKS = ("ippo", "ippo-seed1", "mappo", "mappo-seed1", "ppo_attention")
+SEEDS = ("", "-seed0", "-seed1", "-seed2", "-seed3")
+NETWORKS = (*(f"ippo{seed}" for seed in SEEDS), *(f"mappo{seed}" for seed in SEEDS), "ppo_attention")
 PLANNERS = ("orca", "mppi")
 METRICS = ("score", "success_rate", "at_fault_rate")
 CASES = "test:100"
