@@ -19,14 +19,15 @@ CASES = "test:100"
 
 DESCRIPTION = """# Several vehicles that have learned together
 
-One planner drives all vehicles of a world. `ippo` and `mappo` are networks of `ppo_attention`, trained with two seeds
+One planner drives all vehicles of a world. `ippo` and `mappo` are networks of `ppo_attention`, trained with five seeds
 each in both scenarios, for 2,500,000 steps of a vehicle: by IPPO (de Witt et al. 2020,
 [arXiv:2011.09533](https://arxiv.org/abs/2011.09533)), and by MAPPO (Yu et al. 2022,
-[arXiv:2103.01955](https://arxiv.org/abs/2103.01955)), whose value depends on the state of the world. `ppo_attention`
-was never trained with another vehicle.
+[arXiv:2103.01955](https://arxiv.org/abs/2103.01955)), whose value depends on the state of the world. Success on
+validation cases of both scenarios chose the checkpoints, and the seed of the default network of each, which is seed 4.
+`ppo_attention` was never trained with another vehicle.
 
-All four networks score more than `orca` in `fleet_4`, whose validation cases chose their checkpoints. At the door,
-which chose nothing, the networks of seed 1 collide in most cases. Scores among vehicles of other planners are in
+All ten networks score more than `orca` in `fleet_4`. At the door, one seed of each five collides in most cases
+(`ippo-seed2` and `mappo-seed0`), as on validation cases. Scores among vehicles of other planners are in
 [Several vehicles](../../docs/fleet.md#results)."""
 
 
