@@ -6,6 +6,8 @@ crowdbench run --planner adapters/pss_social/in_mpe.py --option name=mppi --scen
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -55,15 +57,18 @@ class InMPE(Planner):
         return dataclasses.replace(obs, vehicle=shown, pedestrians=dataclasses.replace(crowd, **theirs), logs=None)
 
 
-def planner(name: str, speed: float = 1.0, scale: float = 1.0) -> InMPE:
+def planner(
+    name: str, speed: float = 1.0, scale: float = 1.0, options: Mapping[str, Any] | None = None
+) -> InMPE:
     """Make the planner.
 
     Args:
         name: The planner behind the forces.
         speed: Preferred speed that it observes [m/s].
         scale: Metres that it observes per metre of the scene.
+        options: Options of the planner behind the forces.
 
     Returns:
         The planner.
     """
-    return InMPE(load_planner(name), speed, scale)
+    return InMPE(load_planner(name, options), speed, scale)

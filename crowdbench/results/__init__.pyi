@@ -6,6 +6,7 @@ from .episodes import planner_label as planner_label
 from .episodes import read_estimate as read_estimate
 from .paired import LEAST_SHARED as LEAST_SHARED
 from .paired import MetricDifference as MetricDifference
+from .paired import holm as holm
 from .result_file import check_result as check_result
 from .result_file import read_result as read_result
 from .run_result import RunResult as RunResult

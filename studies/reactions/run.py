@@ -21,10 +21,10 @@ from crowdbench.runs import Run, RunSpec
 from crowdbench.utils import Format, Grid, Names, markdown, printed_by
 from studies.command import EngineOption, ShardOption, Sharing, make_runs, print_study
 from studies.folder import load_runs, read_episodes
+from studies.orders import agreement, draw_pairs, read_cases, resample_means
 from studies.pages import SCORE, read_file
+from studies.reactions.tau import estimate_tau, kendall, say_tau
 from studies.schema import CasesText, Planners, StudyHead
-from studies.transfer.kendall import agreement, draw_families, kendall, mean_rates
-from studies.transfer.table import estimate_tau, read_cases, say_tau
 
 FILE = Path(__file__).with_name("study.toml")
 
@@ -87,16 +87,14 @@ def reactions(
         out,
         Sharing(shard, workers, engine, threads),
     )
-    scores = {
-        name: mean_rates([read_cases(each, out, "score") for each in scenarios]) for name, scenarios in runs.items()
-    }
+    scores = {name: resample_means([read_cases(each, out) for each in scenarios]) for name, scenarios in runs.items()}
     fault = {name: np.mean([_at_fault(each, out) for each in scenarios], axis=0) for name, scenarios in runs.items()}
     labels = [run.label for run in runs["avoid"][0]]
     rows = [
         [labels[k], *(f"{SCORE.number(scores[name][0, k])} ({FAULT.amount(fault[name][k])})" for name in TYPES)]
         for k in np.argsort(-scores["avoid"][0], kind="stable").tolist()
     ]
-    times, pairs = draw_families(np.arange(len(labels))), []
+    times, pairs = draw_pairs(len(labels)), []
     for one, other in itertools.combinations(TYPES, 2):
         tau, (same, decided) = kendall(scores[one], scores[other], times), agreement(scores[one], scores[other])
         pairs.append([one, other, say_tau(estimate_tau(tau)), f"{same} of {decided}"])

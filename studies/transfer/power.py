@@ -1,8 +1,9 @@
-"""The power of the study, computed without runs: the share of simulated studies that meet its criterion, by true tau.
+"""The power of the study, computed without runs: the share of tests that reject after Holm, by true rank correlation.
 
-Log-odds of success are normal over planners, of mean 1 and standard deviation `SPREAD`, and correlated between the
-suite and each world so that the expected tau is the requested one (Kendall's tau of normal numbers, 2 / pi asin(rho)).
-Successes are binomial. The interval is that of the study: families and cases are drawn with replacement.
+True means of planners are normal, with the standard deviation `SPREAD`. Those in each world have the requested rank
+correlation with those in the suite (Spearman's of normal numbers, 6 / pi asin(r / 2)). Measured means have normal
+errors of independent cases with the standard deviation `NOISE`; blocks of recorded time have less power. All worlds
+are tested.
 """
 
 from __future__ import annotations
@@ -10,48 +11,45 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from studies.transfer.kendall import Rates, draw_families, kendall
+from crowdbench.results import holm
+from studies.orders import CERTAIN, differences
+from studies.transfer.permutation import Signs, p_value
 
-TRUE_TAUS = (0.3, 0.5, 0.7, 0.9)
+CORRELATIONS = (0.0, 0.3, 0.5, 0.7, 0.9)
 
-STUDIES, RESAMPLES = 200, 500
-"""Studies that are simulated for each tau, and resamples of each."""
+STUDIES, PERMUTATIONS = 400, 500
+"""Studies that are simulated for each correlation, and permutations of each of their tests."""
 
-SPREAD = 1.2
-"""Approximately the spread of the shipped planners in the suite."""
+SPREAD, NOISE = 0.08, 0.2
+"""Approximately the deviation of mean scores over planners, and of scores over cases of a scenario, in the suite."""
+
+LEVEL = 0.05
+"""A world is rejected if its p-value after Holm is below it."""
 
 
-def power(
-    tau: float,
-    family: Int[np.ndarray, "planner"],
-    cases: Sequence[int],
-    criterion: float,
-    studies: int = STUDIES,
-) -> float:
-    """Return the share of simulated studies that meet the criterion.
+def power(correlation: float, planners: int, cases: Sequence[int], studies: int = STUDIES) -> float:
+    """Return the mean share of the worlds in which simulated studies reject.
 
     Args:
-        tau: The true tau of the suite's order with that of each world.
-        family: The number of each planner's family.
+        correlation: The true rank correlation of the suite with each world.
+        planners: Number of planners.
         cases: The number of cases in the suite, and in each world.
-        criterion: The bound that the lower end of the interval of the mean tau is to exceed.
         studies: Number of simulated studies.
     """
-    draws, times = np.random.default_rng(0), draw_families(family)[: 1 + RESAMPLES]
-    rho = np.sin(0.5 * np.pi * tau)
-    met = 0
+    draws, rejected = np.random.default_rng(0), 0.0
+    r = 2.0 * np.sin(np.pi * correlation / 6.0)
     for _ in range(studies):
-        skill = draws.normal(size=(len(cases), len(family)))
-        skill[1:] = rho * skill[0] + np.sqrt(1.0 - rho**2) * skill[1:]
-        suite, *worlds = (draw_rates(draws, each, n) for each, n in zip(skill, cases, strict=True))
-        taus = np.mean([kendall(suite, world, times) for world in worlds], axis=0)
-        met += np.nanquantile(taus[1:], 0.025) > criterion
-    return float(met / studies)
+        means = draws.normal(size=(len(cases), planners))
+        means[1:] = r * means[0] + np.sqrt(1.0 - r**2) * means[1:]
+        suite, *worlds = (_measure(draws, SPREAD * each, n) for each, n in zip(means, cases, strict=True))
+        p = np.array([p_value(suite, world, draws, PERMUTATIONS) for world in worlds])
+        rejected += (holm(p) < LEVEL).mean()
+    return rejected / studies
 
 
-def draw_rates(draws: np.random.Generator, skill: Float[np.ndarray, "planner"], cases: int) -> Rates:
-    """Return the success rates of planners in a number of cases, and in resamples of them."""
-    rate = draws.binomial(cases, 1.0 / (1.0 + np.exp(-1.0 - SPREAD * skill))) / cases
-    return np.vstack([rate, draws.binomial(cases, rate, size=(RESAMPLES, len(skill))) / cases])
+def _measure(draws: np.random.Generator, means: np.ndarray, cases: int) -> Signs:
+    """Return the decided order of pairs after so many cases."""
+    error = NOISE / np.sqrt(cases)
+    found = differences(draws.normal(means, error))
+    return np.where(np.abs(found) > CERTAIN * np.sqrt(2.0) * error, np.sign(found), 0.0)
