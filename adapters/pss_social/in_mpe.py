@@ -57,9 +57,7 @@ class InMPE(Planner):
         return dataclasses.replace(obs, vehicle=shown, pedestrians=dataclasses.replace(crowd, **theirs), logs=None)
 
 
-def planner(
-    name: str, speed: float = 1.0, scale: float = 1.0, options: Mapping[str, Any] | None = None
-) -> InMPE:
+def planner(name: str, speed: float = 1.0, scale: float = 1.0, options: Mapping[str, Any] | None = None) -> InMPE:
     """Make the planner.
 
     Args:

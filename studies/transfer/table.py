@@ -10,7 +10,6 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from crowdbench import Cases as CaseRange
 from crowdbench.core import SENSING_TRACKS
 from crowdbench.metrics import Estimate
 from crowdbench.results import holm

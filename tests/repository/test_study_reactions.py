@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.stats import kendalltau
 from typer.testing import CliRunner
 
 from crowdbench.cli.app import build_script
 from studies.reactions.run import reactions
+from studies.reactions.tau import kendall
 
 STUDY = """
 description = "Few."
@@ -14,6 +17,12 @@ cases = "test:2"
 scenarios = ["groups_12"]
 planners = ["straight", "orca", "orca_margin"]
 """
+
+
+def test_tau_is_that_of_scipy_where_nobody_ties():
+    a, b = np.random.default_rng(0).random((2, 12))
+    assert kendall(a, b, np.ones(66)) == pytest.approx(kendalltau(a, b).statistic)
+    assert kendall(a, np.zeros(12), np.ones(66)) == 0.0
 
 
 @pytest.mark.slow
