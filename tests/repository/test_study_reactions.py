@@ -8,8 +8,9 @@ from scipy.stats import kendalltau
 from typer.testing import CliRunner
 
 from crowdbench.cli.app import build_script
+from studies.orders import Cases, draw_pairs, resample_means
 from studies.reactions.run import reactions
-from studies.reactions.tau import kendall
+from studies.reactions.tau import estimate_tau, kendall
 
 STUDY = """
 description = "Few."
@@ -23,6 +24,22 @@ def test_tau_is_that_of_scipy_where_nobody_ties():
     a, b = np.random.default_rng(0).random((2, 12))
     assert kendall(a, b, np.ones(66)) == pytest.approx(kendalltau(a, b).statistic)
     assert kendall(a, np.zeros(12), np.ones(66)) == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rho", [0.5, 0.9])
+def test_intervals_of_tau_contain_the_true_one(rho):
+    draws, times, covered = np.random.default_rng(5), draw_pairs(12), 0
+    true, covariance = 2.0 / np.pi * np.arcsin(rho), np.array([[1.0, rho], [rho, 1.0]])
+    for _ in range(200):
+        skills = draws.multivariate_normal([0.0, 0.0], covariance, size=12).T
+        means = [
+            resample_means([Cases(source, draws.normal(skill[:, None], 0.5, (12, 100)), np.arange(100))])
+            for source, skill in zip("ab", skills, strict=True)
+        ]
+        tau = estimate_tau(kendall(*means, times))
+        covered += tau.low <= true <= tau.high
+    assert covered / 200 >= 0.92
 
 
 @pytest.mark.slow

@@ -83,6 +83,21 @@ def test_the_share_that_agrees_has_an_interval_over_planners_and_cases():
     assert np.isnan(nothing.mean)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("rho", [0.3, 0.9])
+def test_intervals_of_the_share_contain_the_mean_of_studies(rho):
+    draws, found = np.random.default_rng(5), []
+    for _ in range(200):
+        skills = draws.multivariate_normal([0.5, 0.5], 0.01 * np.array([[1.0, rho], [rho, 1.0]]), size=11).T
+        suite, world = (
+            resample_means([Cases(source, draws.normal(skill[:, None], 0.3, (11, 100)), np.arange(100))])
+            for source, skill in zip("ab", skills, strict=True)
+        )
+        found.append(share(suite, world))
+    true = np.mean([each.mean for each in found])
+    assert np.mean([each.low <= true <= each.high for each in found]) >= 0.93
+
+
 def test_perfect_agreement_has_the_least_p_and_opposite_orders_the_largest():
     signs = decided_signs(resample_means([scenario(0, SKILL)]))[0]
     assert p_value(signs, signs, np.random.default_rng(0), 2000) == pytest.approx(1 / 2001, abs=1e-3)

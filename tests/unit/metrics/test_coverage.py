@@ -1,8 +1,8 @@
 """How often printed intervals contain the truth, in simulated data.
 
 Other intervals are simulated where they are made: of gains in `test_study_ladder`, of Kendall's tau in
-`test_study_transfer`, of levels in `test_study_dials`, of ranks in `test_boards_ranking`, of means over networks in
-`test_study_intervals`.
+`test_study_reactions`, of pairs that agree in `test_study_transfer`, of levels in `test_study_dials`, of ranks in
+`test_boards_ranking`, of means over networks in `test_study_intervals`.
 """
 
 import numpy as np
