@@ -1,4 +1,4 @@
-"""Adds `agents` to the wheel, with one network of each kind: those of other seeds are in the repository alone."""
+"""Adds `agents` to the wheel, with one network of each kind. Networks of other seeds are in the repository alone."""
 
 from pathlib import Path
 from typing import Any
