@@ -84,6 +84,10 @@ class Board:
     spec: BoardSpec
     data: Path | None = None
 
+    def __reduce__(self) -> tuple[type[Board], tuple[str, BoardSpec, Path | None]]:
+        """Leave loaded scenarios out: another process cannot import the files of their policies."""
+        return Board, (self.name, self.spec, self.data)
+
     @functools.cached_property
     def parts(self) -> dict[str, Any]:
         """Everything that results and ranks depend on: rules, metrics, scenarios, and the version of the simulator."""
