@@ -1,3 +1,4 @@
+import pickle
 import shutil
 import tomllib
 
@@ -36,6 +37,13 @@ def test_a_seed_reaches_every_case_of_every_scenario(tmp_path):
     for public, other in zip(board.load(None), board.load(7), strict=True):
         starts = [scenario.worlds(board.cases).position[:, 1:] for scenario in (public, other)]
         assert not (starts[0] == starts[1]).all(axis=(1, 2)).any()
+
+
+def test_a_board_with_loaded_scenarios_crosses_to_another_process(tmp_path):
+    board = read_board(write(tmp_path))
+    digest, sent = board.digest, pickle.dumps(board)
+    assert b"crowdbench_plugins" not in sent  # the modules of policies, which another process cannot import
+    assert pickle.loads(sent).digest == digest
 
 
 def test_boards_are_listed_by_their_position(tmp_path):
