@@ -39,8 +39,8 @@ def test_a_seed_reaches_every_case_of_every_scenario(tmp_path):
         assert not (starts[0] == starts[1]).all(axis=(1, 2)).any()
 
 
-def test_a_board_with_loaded_scenarios_crosses_to_another_process(tmp_path):
-    board = read_board(write(tmp_path))
+def test_a_board_with_loaded_scenarios_crosses_to_another_process():
+    board = read_board(ROOT / "suite_realistic")
     digest, sent = board.digest, pickle.dumps(board)
     assert b"crowdbench_plugins" not in sent  # the modules of policies, which another process cannot import
     assert pickle.loads(sent).digest == digest
