@@ -39,3 +39,5 @@ from .sim.pedestrians.policy import PolicyWithMemory as PolicyWithMemory
 from .train.policy_export import export_policy as export_policy
 from .utils.errors import InputError as InputError
 from .views.ego import flatten as flatten
+
+__version__: str

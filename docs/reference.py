@@ -63,9 +63,12 @@ def _names(item: Any) -> str:
 
 def _kind(annotation: Any) -> str:
     """Return the choices of an option, or the kind of its value in capitals."""
-    annotation, *_ = [*get_args(annotation), annotation]
+    choices = get_args(annotation)
+    annotation, *_ = [*choices, annotation]
     if isinstance(annotation, type) and issubclass(annotation, Enum):
         return "|".join(str(each.value) for each in annotation)
+    if isinstance(annotation, str):  # of a Literal
+        return "|".join(choices)
     return {int: "N", float: "NUMBER", str: "TEXT"}.get(annotation, "PATH")
 
 
@@ -73,7 +76,8 @@ def _meaning(item: Any) -> str:
     default = item.show_default if isinstance(item.show_default, str) else item.default
     shown = default not in (None, False, (), [], ...) and not callable(default) and "REQUIRED" not in repr(default)
     shown = shown and "UNSET" not in repr(default)
-    text = f" Default: {getattr(default, 'value', default)}." if shown else ""
+    said = default if default is item.show_default else f"`{getattr(default, 'value', default)}`"
+    text = f" Default: {said}." if shown else ""
     return _one_line(item.help or "") + text
 
 

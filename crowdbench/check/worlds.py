@@ -50,7 +50,11 @@ def _check_bounds(world: World) -> CheckResult:
             gap = f"in case {world.case[row]}, the vehicle can leave the walls around it, at ({x:.3g}, {y:.3g})"
             return CheckResult("bounds", False, f"{gap}: pedestrians may push it out, so close them")
         enclosed += 1
-    return CheckResult("bounds", True, f"walls enclose the vehicle in {enclosed} of {len(world)} cases")
+    return CheckResult(
+        "bounds",
+        True,
+        f"the vehicle cannot leave the walls around it; {enclosed} of {len(world)} cases have such walls",
+    )
 
 
 def _check_arrivals(scenario: Scenario, world: World) -> CheckResult:

@@ -40,7 +40,7 @@ def failure(error: BaseException) -> tuple[str, int] | None:
     if isinstance(error, Interrupted):
         return NOTHING_KEPT, INTERRUPTED
     if isinstance(error, TyperException):
-        return one_line(error.format_message()), 2
+        return one_line(error.format_message().replace("Value error, ", "")), 2
     if isinstance(error, InputError):
         return one_line(with_notes(str(error), error)), 1
     if isinstance(error, MemoryError):

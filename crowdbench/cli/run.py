@@ -270,7 +270,8 @@ def print_result(
         if RECORDED in (policy if isinstance(policy, dict) else [policy]):
             write(NON_REACTIVE_NOTE)
     number = result["recorded"]
-    recorded = f"{number} episodes are recorded (crowdbench view shows them)" if number else "no episode is recorded"
+    some = "1 episode is recorded" if number == 1 else f"{number} episodes are recorded"
+    recorded = f"{some} (crowdbench view shows them)" if number else "no episode is recorded"
     write(f"\nKept in {directory}; {recorded}")
     if result["stated"]["record"] != "none":
         # A case that is not recorded is simulated again.

@@ -107,7 +107,8 @@ def _run(runner: Runner) -> None:
         cases = sum(map(len, training.card_cases.values()))
         with progress(cases, f"of {cases} cases for the card") as advance:
             weights = runner.finish(advance)
-    print(f"The best validated network was kept: {' '.join(training.describe(training.best()[0]).split())}")
+    kept = " ".join(training.describe(training.best()[0]).split())
+    print(f"The network of one validation was kept, the quickest within the noise of the best success: {kept}")
     print(f"Its card has figures on other cases: {weights.with_suffix('.md')}")
     option = shlex.quote(f"weights={weights}")
     print(f"The weights are in {weights}; use them with crowdbench {training.config.usage} --option {option}")

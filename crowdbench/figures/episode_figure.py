@@ -36,7 +36,7 @@ from crowdbench.drawing import (
     measured_rings,
 )
 from crowdbench.envs.render import rasterize
-from crowdbench.figures.style import canvas, check_file, draw_panel
+from crowdbench.figures.style import SUFFIXES, canvas, check_file, draw_panel
 from crowdbench.figures.time_marks import mark_times
 from crowdbench.record.decisions import PlannedPaths
 from crowdbench.record.explanation import describe_failure
@@ -209,6 +209,7 @@ def draw_episodes(episodes: Sequence[Episode], out: Path, moments: int | None = 
     Raises:
         InputError: The file cannot be written.
     """
+    check_file(out, [*SUFFIXES, *FILMS])
     if out.suffix in FILMS:
         film(episodes, out)
     elif moments is not None:

@@ -43,7 +43,7 @@ def weights_file(weights: str) -> Path:
     if weights.endswith(WEIGHTS_SUFFIX):
         return Path(weights)
     known = {path.stem: path for path in built_in()}
-    return find_named("file of weights", weights, known, f", or give one: ./mine{WEIGHTS_SUFFIX}")
+    return find_named("file of weights", weights, known, WEIGHTS_SUFFIX)
 
 
 def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> dict[str, Any]:
@@ -112,9 +112,13 @@ def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> N
     if hashlib.sha256(content).hexdigest() != card["sha256"]:
         raise InputError(f"the weights {path} are not those that their card describes: their sha256 differs")
     try:
+        place = torch.device(device)
+    except RuntimeError:  # torch lists all its devices
+        raise InputError(f"torch knows no device {device!r}: give cpu or cuda") from None
+    try:
         tensors = load(content)
         network.load_state_dict(tensors)
-        moved = network.to(torch.device(device))
+        moved = network.to(place)
         next(moved.parameters()).cpu()  # the device `meta` has no values to compute with
     except (SafetensorError, RuntimeError, AssertionError) as error:
         # torch lists all missing and unexpected tensors, one per line.

@@ -98,6 +98,8 @@ class Kind:
             InputError: There is no such plug-in, or it cannot be loaded.
         """
         file, function = file_and_function(spec)
+        if program(spec):
+            raise InputError(f"{spec} is a program and no file of Python: a planner that is a program needs --isolated")
         source = file or self.built_in().get(spec) or find_named(self.word, spec, self.sources(), ".py")
         if isinstance(source, Path) and (reader := self._reader_of(source)):
             return plugin_name(spec), functools.partial(reader.load(), source)

@@ -58,7 +58,7 @@ def writing(what: str, advice: str = "") -> Iterator[None]:
 def reading(path: Path) -> Iterator[None]:
     """Open a context for reading a file. Raises InputError if it is missing, damaged or not a Rerun file."""
     if not path.is_file():
-        raise InputError(f"there is no recording at {path}: give the run.rrd of a run with --record all or failures")
+        raise InputError(f"there is no recording at {path}: give the directory of a run, or its run.rrd")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Rerun warns of a missing end before it raises an error for it

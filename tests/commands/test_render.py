@@ -207,7 +207,7 @@ def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
     ("arguments", "sentence"),
     [
         (["--case", "7"], "case 7 is none of the cases test:0:2 of"),
-        (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png or .svg, not a.avi"),
+        (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png, .svg, .gif, .webp or .mp4, not a.avi"),
         (["--case", "1", "--out", "a.mp4"], "needs the program ffmpeg"),
     ],
 )

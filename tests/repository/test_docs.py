@@ -1,6 +1,7 @@
 """The pages of docs/ say what is there: the map of the folders, the way of one run, the API pages, the references."""
 
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -43,8 +44,8 @@ def test_every_folder_and_module_is_on_the_map_once():
 
 
 def test_every_folder_beside_the_package_is_on_the_map():
-    ignored = {".git/", "crowdbench/", *(line.lstrip("/") for line in (ROOT / ".gitignore").read_text().split())}
-    beside = {f"{path.name}/" for path in ROOT.iterdir() if path.is_dir()} - ignored
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
+    beside = {f"{name.partition('/')[0]}/" for name in tracked if "/" in name} - {"crowdbench/"}
     second_table = ARCHITECTURE.split("| beside `crowdbench/` |")[1].split("\n\n")[0]
     assert set(re.findall(r"^\| `([\w.]+/)", second_table, re.MULTILINE)) == beside
 

@@ -22,7 +22,8 @@ def door_of(stub):
 
 
 def names_of(stub):
-    return [(node.module, alias.name) for node in ast.parse(stub.read_text()).body for alias in node.names]
+    imports = [node for node in ast.parse(stub.read_text()).body if isinstance(node, ast.ImportFrom)]
+    return [(node.module, alias.name) for node in imports for alias in node.names]
 
 
 DOORS = {door_of(stub): {name for _, name in names_of(stub)} for stub in STUBS}

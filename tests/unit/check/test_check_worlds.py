@@ -43,7 +43,7 @@ def test_a_gap_through_which_the_vehicle_leaves_is_found(gap, is_open):
     found = findings(functools.partial(in_room, gap=gap), **{"pedestrians.number": 3})
     assert broken(found) == ({"bounds"} if is_open else set())
     said = found["bounds"].observation
-    assert ("in case 0, the vehicle can leave the walls around it, at (-3." if is_open else "in 2 of 2 cases") in said
+    assert ("in case 0, the vehicle can leave the walls around it, at (-3." if is_open else "2 of 2 cases have") in said
 
 
 def narrow_corner(rng, radius, speed):
