@@ -13,7 +13,10 @@ LONGEST = 60
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["ppo_single_file.py --updates 10", "ippo.py --steps 60000"])
+@pytest.mark.parametrize(
+    "command",
+    ["ppo_single_file.py --updates 10", pytest.param("ippo.py --steps 60000", marks=pytest.mark.nightly)],
+)
 def test_an_example_learns_within_seconds(command, tmp_path):
     """A policy that has not learned stands still, and succeeds in no case."""
     file, *arguments = command.split()
