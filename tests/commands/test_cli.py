@@ -87,6 +87,8 @@ def test_json_is_all_that_json_prints(call):
         (["run", "--planner", "orca", "--set", "vehicle.visable=true"], "vehicle.visable (did you mean visible?); the"),
         (["run", "--planner", "orca", "--record", "some"], "failures, all, commands, none"),
         (["run", "--planner", "orca", "--nonsense"], "--nonsense"),
+        (["run", "--planner", sys.executable], "a planner that is a program needs --isolated"),
+        (["plot", "sucess", "a"], "Invalid value for 'kind': 'sucess' is not one of 'success'"),
         (["list", "cars"], "nothing is listed as 'cars'"),
         (["compare", "a", "b"], "not the directory of a run"),
         (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),

@@ -111,6 +111,7 @@ def test_weights_that_are_not_finite_are_refused(tmp_path):
 
 def test_a_device_without_values_is_refused(saved):
     assert "cannot be loaded on meta" in refused(saved, device="meta")
+    assert refused(saved, device="gpu") == "torch knows no device 'gpu': give cpu or cuda"
 
 
 def test_foreign_tensors_are_refused_in_one_line(saved):
