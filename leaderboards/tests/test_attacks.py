@@ -259,7 +259,7 @@ def layers(path, seed):
     return str(path)
 
 
-@pytest.mark.parametrize("groups", [True, False])
+@pytest.mark.parametrize("groups", [pytest.param(True, marks=pytest.mark.nightly), False])
 def test_honest_networks_are_verified_and_timed(groups, tmp_path, monkeypatch):
     if not groups:
         monkeypatch.setattr(limits, "_home", lambda: None)
@@ -306,7 +306,10 @@ def write_program(path):
     path.chmod(0o755)
 
 
-@pytest.mark.parametrize(("file", "write"), [("program", write_program), ("policy.onnx", export)])
+@pytest.mark.parametrize(
+    ("file", "write"),
+    [("program", write_program), pytest.param("policy.onnx", export, marks=pytest.mark.nightly)],
+)
 def test_honest_programs_and_onnx_files_are_verified(file, write, tmp_path):
     write(tmp_path / file)
     wanted = dataclasses.replace(entered(tmp_path, PLANNER), planner=str(tmp_path / file))

@@ -113,7 +113,7 @@ def test_pages_show_no_tracks(root, tmp_path):
     assert "their tracks may not be redistributed" in (folder / "entries" / "orca.html").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_planner_has_other_weights_in_each_scene_and_is_verified(shared, tmp_path):
     board = write_board(tmp_path / "boards", text=TWO_SCENES).with_data(shared / "data" / "eth_ucy")
     (tmp_path / "careful.py").write_text(NOT_TRAINED_ON_THE_SCENE)

@@ -413,6 +413,7 @@ def test_the_same_boards_give_the_same_bytes(site, root, tmp_path):
     assert contents[0] == contents[1]
 
 
+@pytest.mark.nightly
 def test_each_scenario_of_the_suite_leads_to_its_replay():
     replays = load_module(ROOT / "docs" / "replays.py")
     files = replays.files()

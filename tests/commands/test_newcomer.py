@@ -110,7 +110,7 @@ def test_a_function_is_driven(done):
     assert shown.endswith("\n\nCases val:0:6, n = 6.\n")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_policy_of_stable_baselines3_is_trained_and_exported(done):
     export("policy.onnx")  # which skips where packages are missing
     pytest.importorskip("stable_baselines3", reason="pip install 'crowdbench[ppo]'")

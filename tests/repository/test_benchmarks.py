@@ -34,7 +34,7 @@ def test_options_that_do_not_belong_together_are_refused():
     assert "--planner" in str(error)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_measurement_is_in_the_table(monkeypatch):
     monkeypatch.setattr(simulator, "ROUNDS", 1)
     short = {

@@ -165,7 +165,7 @@ def test_ladders_are_those_of_the_ranked_scenarios_unless_some_are_named():
     assert set(page.scenarios) <= set(spec.scenarios)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_ladder_is_kept_and_drawn(tmp_path):
     (tmp_path / "own.toml").write_text(
         'time_limit = 15.0\n[pedestrians]\nnumber = 3\npolicy = "stop_and_go"\n[sensor]\nrange = 2.0\n'
