@@ -25,6 +25,7 @@ from filelock import Timeout
 from jaxtyping import Float, Int
 
 from crowdbench import Cases, Driver, Episodes, InputError, Observation, load_planner, rollout
+from crowdbench.cli import say
 from crowdbench.isolation import usable_cores
 from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.planners import AheadPlanner
@@ -262,12 +263,16 @@ def _own_core() -> Iterator[list[int]]:
 def _wait_for_core(cores: Sequence[int], stack: contextlib.ExitStack) -> int:
     """Return a core whose lock the stack holds."""
     user = os.getuid() if hasattr(os, "getuid") else 0
+    told = False
     while True:
         for core in cores:
             lock = Path(tempfile.gettempdir()) / f"crowdbench-{user}-core-{core}.lock"
             with contextlib.suppress(Timeout):
                 stack.enter_context(hold_lock(lock, 0))
                 return core
+        if not told:
+            say("waiting for a core: other ranked runs use all of them")
+            told = True
         time.sleep(0.2)
 
 

@@ -1,5 +1,6 @@
 """The parts of boards that need no planner's process."""
 
+import contextlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from crowdbench.metrics.summary import Estimate
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench.results.episodes import Episodes
 from crowdbench.utils.errors import InputError
+from crowdbench_leaderboards import ranked_run
 from crowdbench_leaderboards.board import MEASURED
 from crowdbench_leaderboards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench_leaderboards.entry import read_card
@@ -149,3 +151,12 @@ def test_every_board_ranks_by_the_score():
     assert "score" in MEASURED
     assert "score" not in SHOWN  # it has a column of its own
     assert set(SHOWN) <= {*MEASURED, *OF_FLEETS}
+
+
+def test_a_ranked_run_that_waits_for_a_core_says_so(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(ranked_run.tempfile, "gettempdir", lambda: str(tmp_path))
+    with contextlib.ExitStack() as first, contextlib.ExitStack() as second:
+        assert ranked_run._wait_for_core([0], first) == 0
+        monkeypatch.setattr(ranked_run.time, "sleep", lambda seconds: first.close())
+        assert ranked_run._wait_for_core([0], second) == 0
+    assert capsys.readouterr().err == "waiting for a core: other ranked runs use all of them\n"
