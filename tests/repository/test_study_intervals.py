@@ -23,14 +23,14 @@ def false_holds(simulated):
     return np.mean([mean_over_networks(values).low > 0.0 for values in simulated])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("n", [2, 3, 5, 10])
 @pytest.mark.parametrize("spreads", [(0.1, 1.0, 0.5), (0.05, 0.2, 1.0)])
 def test_a_claim_that_is_not_true_holds_in_no_more_than_3_of_100_studies(n, spreads):
     assert false_holds(spread(*spreads, n, np.random.default_rng([5, n]))) <= 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("n", [2, 3, 5, 10])
 def test_a_difference_in_success_that_is_not_there_holds_in_no_more_than_3_of_100_studies(n):
     rng = np.random.default_rng([6, n])
@@ -112,7 +112,7 @@ def test_networks_of_two_trainings_add_their_parts_of_the_variance():
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("n", [2, 3, 5, 10])
 def test_a_difference_between_two_trainings_that_is_not_there_holds_in_no_more_than_3_of_100_studies(n):
     rng = np.random.default_rng([9, n])
@@ -134,7 +134,7 @@ def test_a_reduction_is_of_the_means_over_networks_and_cases(paired):
     assert found.n == 8
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("n", [2, 3, 5, 10])
 def test_a_reduction_that_is_not_there_holds_in_no_more_than_3_of_100_studies(n):
     rng = np.random.default_rng([8, n])

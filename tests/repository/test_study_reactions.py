@@ -26,7 +26,7 @@ def test_tau_is_that_of_scipy_where_nobody_ties():
     assert kendall(a, np.zeros(12), np.ones(66)) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("rho", [0.5, 0.9])
 def test_intervals_of_tau_contain_the_true_one(rho):
     draws, times, covered = np.random.default_rng(5), draw_pairs(12), 0

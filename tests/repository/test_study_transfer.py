@@ -83,7 +83,7 @@ def test_the_share_that_agrees_has_an_interval_over_planners_and_cases():
     assert np.isnan(nothing.mean)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("rho", [0.3, 0.9])
 def test_intervals_of_the_share_contain_the_mean_of_studies(rho):
     draws, found = np.random.default_rng(5), []

@@ -136,7 +136,7 @@ def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["cadrl", "ppo_lidar", TOOLS])
+@pytest.mark.parametrize("name", ["cadrl", "ppo_lidar", pytest.param(TOOLS, marks=pytest.mark.nightly)])
 def test_networks_threads_and_processes_give_the_same_commands_in_a_process_of_their_own(name, mine):
     spec = mine(name) if name == TOOLS else name
     place, cases = load_scenario(SCENARIO, {"time_limit": 1.5}), Cases("val", 0, 2)

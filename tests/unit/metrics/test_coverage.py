@@ -38,7 +38,7 @@ def test_wilsons_interval_covers_a_rate_of_any_size(n):
     assert coverage.min() > 0.90
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("n", [60, 200])
 def test_the_bootstrap_covers_the_mean_of_skewed_values(n):
     # As times and delays are: a percentile interval of few skewed values is a little too narrow.
@@ -49,7 +49,7 @@ def test_the_bootstrap_covers_the_mean_of_skewed_values(n):
     assert coverage > LEAST - 60.0 / n * 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_bootstrap_over_blocks_covers_rates_and_means_of_dependent_cases():
     draws, block, found = np.random.default_rng(2), np.repeat(np.arange(40), 5), np.zeros(2)
     for _ in range(STUDIES):
@@ -60,7 +60,7 @@ def test_the_bootstrap_over_blocks_covers_rates_and_means_of_dependent_cases():
     assert (found / STUDIES > LEAST - 0.02).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("gained", "lost"), [(0.0, 0.0), (0.02, 0.0), (0.05, 0.03), (0.2, 0.1)])
 def test_paired_differences_cover_the_true_ones(gained, lost):
     draws, found = np.random.default_rng([3, int(100 * gained)]), np.zeros(2)
@@ -78,7 +78,7 @@ def test_paired_differences_cover_the_true_ones(gained, lost):
     assert (found / STUDIES > LEAST - 0.015).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_mean_over_scenarios_of_a_board_covers_the_true_one():
     draws, weights, rates = np.random.default_rng(5), np.array([0.5, 0.3, 0.2]), np.array([0.99, 0.9, 0.6])
     found = [mean_over_scenarios(weights, [wilson(draws.random(100) < each) for each in rates]) for _ in range(1000)]
@@ -87,7 +87,7 @@ def test_the_mean_over_scenarios_of_a_board_covers_the_true_one():
     assert coverage > 0.935
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("networks", "spread"), [(3, 0.3), (5, 0.1), (5, 1.0)])
 def test_intervals_over_networks_and_cases_cover_means_and_gains(networks, spread):
     draws, found = np.random.default_rng([4, networks]), np.zeros(2)

@@ -80,7 +80,7 @@ def test_the_threshold_of_fault_stands_beside_the_share(share, said):
     assert explanation._fault(share) == said
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("scenario", "cases", "changes"),
     [
