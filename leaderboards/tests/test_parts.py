@@ -157,6 +157,7 @@ def test_a_ranked_run_that_waits_for_a_core_says_so(tmp_path, monkeypatch, capsy
     monkeypatch.setattr(ranked_run.tempfile, "gettempdir", lambda: str(tmp_path))
     with contextlib.ExitStack() as first, contextlib.ExitStack() as second:
         assert ranked_run._wait_for_core([0], first) == 0
-        monkeypatch.setattr(ranked_run.time, "sleep", lambda seconds: first.close())
+        ends = iter([lambda: None, first.close])  # the core is free after the second look
+        monkeypatch.setattr(ranked_run.time, "sleep", lambda seconds: next(ends)())
         assert ranked_run._wait_for_core([0], second) == 0
     assert capsys.readouterr().err == "waiting for a core: other ranked runs use all of them\n"
