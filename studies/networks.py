@@ -331,6 +331,7 @@ class FilledNetworksTable:
         """Return the notes below the tables of a page, each once."""
         notes = {
             NOTES["networks"]: True,
+            NOTES["solved"]: True,
             ALONE: any(len(row.weights) > 1 for row in self.rows),
             PRIVILEGED: any(row.privileged for row in self.rows),
         }

@@ -136,11 +136,16 @@ class FilledCrowdsTable:
     def notes(self) -> list[str]:
         """Return the notes below the tables of a page, each once."""
         tests = len(self.crowds[0].pairs) * (1 + len(OVER_SOLVED))
+        of_time = any(crowd.blocks is not None for crowd in self.crowds)
+        test = "by a permutation test" if of_time else "by McNemar's exact test (p < 0.05)"
+        least = f"{LEAST_SHARED} {'blocks' if of_time else 'such cases'}"
+        paired = NOTES["paired"].format(test=test, tests=tests, least=least)
         notes = {
+            NOTES["wilson"]: not of_time,
             NOTES["side_by_side"]: True,
             NOTES["trained"]: any(name.endswith(" networks") for name in self.crowds[0].at_fault),
-            NOTES["paired"].format(tests=tests, least=LEAST_SHARED): tests > 0,
-            NOTES["recorded"]: any(crowd.blocks is not None for crowd in self.crowds),
+            paired: tests > 0,
+            NOTES["recorded"]: of_time,
             PRIVILEGED: any(row["planner"].endswith(" *") for crowd in self.crowds for row in crowd.planners),
         }
         return [note for note, applies in notes.items() if applies]

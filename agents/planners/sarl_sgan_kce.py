@@ -28,16 +28,16 @@ from crowdbench.planners import ChangeCost, Exploration, Limits, lookahead_plann
 planner = partial(
     lookahead_planner,
     "sarl",
-    # III-B: 20 futures of the crowd, under which SARL's network values each command.
+    # III-C: 20 futures of the crowd, under which SARL's network values each command.
     predictor="sgan",
     # Not in the paper: all futures only for the 8 commands that look best, which is faster.
     shortlist=8,
-    # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out, with the paper's limits.
+    # III-D, equations 5 and 6: commands that the vehicle cannot follow are left out, with the paper's limits.
     limits=Limits(),
     # Not in the paper: the network was trained within the same limits.
     weights="sarl_kce",
-    # III-C, equations 7 and 8: changes of velocity cost something. Differs from equation 8, see `ChangeCost`.
+    # III-D, equations 7 and 8: changes of velocity cost something. Differs from equation 8, see `ChangeCost`.
     shaping=ChangeCost(0.006),
-    # III-D, equation 9: finer commands around the best one.
+    # III-E, equation 9: finer commands around the best one.
     explore=Exploration(epsilon=0.1, n=2),
 )

@@ -1,4 +1,4 @@
-"""KCE, kinematic constraints and action-space exploration (Li et al. 2020, sections III-C and III-D).
+"""KCE, kinematic constraints and action-space exploration (Li et al. 2020, sections III-D and III-E).
 
 Li, Shan, Narula, Worrall and Nebot, "Socially Aware Crowd Navigation with Multimodal Pedestrian Trajectory Prediction
 for Autonomous Vehicles", IEEE ITSC 2020, arXiv:2011.11191. Their action a_t is the command, a velocity. The change of

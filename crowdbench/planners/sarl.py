@@ -45,15 +45,15 @@ def lookahead_planner(
         InputError: An option is impossible.
     """
     return ValuePlanner(
-        # III-B.1, equations 1 and 2: several futures of the crowd.
+        # III-C.1, equations 1 and 2: several futures of the crowd.
         predictor=load_predictor(predictor, {} if modes is None else {"modes": modes}),
-        # III-B.2, equations 3 and 4: the value V_s of the state that a command leads to, the mean over all futures.
+        # III-C.2, equations 3 and 4: the value V_s of the state that a command leads to, the mean over all futures.
         value=load_network(network, weights, device),
-        # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out.
+        # III-D, equations 5 and 6: commands that the vehicle cannot follow are left out.
         limits=limits,
-        # III-C, equations 7 and 8: changes of velocity change the reward.
+        # III-D, equations 7 and 8: changes of velocity change the reward.
         shaping=shaping,
-        # III-D, equation 9: finer commands around the best one.
+        # III-E, equation 9: finer commands around the best one.
         explore=explore,
         # Not in the paper: only the best commands are evaluated under all futures, which is faster.
         shortlist=shortlist,

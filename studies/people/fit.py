@@ -81,7 +81,7 @@ def fit(
     generations: int = 20,
     threads: ThreadsOption = None,
 ) -> None:
-    """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `folds.py`.
+    """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `run.py --fits`.
 
     Args:
         policy: One of `POLICIES`, or a file with a policy of such a name.

@@ -21,7 +21,7 @@ SENSOR = {"sensor.track": "realistic"}
 DETECTORS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
     "no false detections": {"false_detections": 0.0},
-    "velocity to 0.5 m/s": {"velocity": 0.5},
+    "velocity, with an error of 0.5 m/s": {"velocity": 0.5},
     "no errors": {"position": 0.0, "missed": 0.0, "false_detections": 0.0},
 }
 """Keys of `[sensor.detector]` by the title of a row."""
