@@ -22,7 +22,7 @@ def load_runs(planners: Sequence[PlannerSpec], base: RunSpec) -> list[Run]:
     Raises:
         InputError: A planner or the scenario does not exist.
     """
-    scenario = load_scenario(base.scenario, base.overrides, data=base.data)
+    scenario = load_scenario(base.scenario, base.overrides, base.pedestrians, base.data)
     specs = [dataclasses.replace(base, planner=each.planner, options=its) for each in planners for its in each.choices]
     return [load_run(spec, scenario=scenario) for spec in specs]
 

@@ -15,15 +15,25 @@ from study_folders import CROWDS, MINE, NETWORKS, made, print_page, read_page, r
 from crowdbench import catalog
 from crowdbench.results.result_file import read_result
 from crowdbench.runs.folder import make_in_folder, run_directory
+from crowdbench.runs.loading import load_run
 from crowdbench.runs.make import make_run
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
-from studies.folder import missing_runs, read_episodes
+from studies.folder import load_runs, missing_runs, read_episodes
+from studies.schema import PlannerSpec
 from studies.tables import read_tables
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
 STUDIES = Path(__file__).parents[2] / "studies"
+
+
+def test_runs_of_planners_in_a_scenario_are_the_runs_of_their_specs():
+    changed = {"pedestrians.number": 3}
+    base = RunSpec("", "circle_crossing_5", Cases("val", 0, 2), overrides=changed, pedestrians="social_force")
+    [run] = load_runs([PlannerSpec(planner="orca")], base)
+    assert run.id == load_run(run.spec).id
 
 
 @pytest.mark.slow
