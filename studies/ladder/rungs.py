@@ -63,7 +63,7 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
             "worst": WORST,
             "horizon": horizon,
             "samples": MPPIPlanner.search.samples,
-            "weights": {"fading": MPPIPlanner.weights.fading},  # its own value differs
+            "weights": {"fading": MPPIPlanner.weights.fading},  # as in the other rungs
         }
         planner = load_planner("mppi_interactive", options)
         paths += sorted(Path(inspect.getfile(type(planner))).parent.glob("*.py"))
