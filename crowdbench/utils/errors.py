@@ -20,6 +20,9 @@ Item = TypeVar("Item")
 LONGEST = 500
 """Largest number of printed characters of an external message."""
 
+MANY = 30
+"""Number of names above which an error shows similar names only."""
+
 INSTALLED = (str(Path(__file__).parents[1]), *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
 """Folders of crowdbench, of Python and of installed packages."""
 
@@ -153,7 +156,7 @@ def require_not_negative(name: str, value: object) -> None:
 
 
 def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = "") -> Item:
-    """Return the item that has a name. Raises InputError with the known names if no item has it.
+    """Return the item that has a name. Raises InputError with similar or all known names if no item has it.
 
     Args:
         kind: The noun for each of them, such as `planner`.
@@ -167,7 +170,10 @@ def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = ""
             if os.path.isfile(name + suffix):
                 files = [f"./{name}{suffix}"]
         meant = did_you_mean(name, known, files)
-        raise InputError(f"no {kind} is called {name!r}{meant}; there are {', '.join(known)}{hint}")
+        shown = "there are " + ", ".join(known)
+        if meant and len(known) > MANY:
+            shown = f"crowdbench list shows all {len(known)}"
+        raise InputError(f"no {kind} is called {name!r}{meant}; {shown}{hint}")
     return known[name]
 
 
