@@ -53,14 +53,16 @@ def _text(card: Mapping[str, Any]) -> CardText:
 def _driving_text(card: Mapping[str, Any]) -> CardText:
     """Return the text of a network that drives: a policy, which has a reward, or a value network."""
     trained, figures, validation = card["training"], card["figures"], card["training"]["validation"]
-    setting, conditions = f"in {crowd(trained['scenario'])}", ""
+    setting, where, conditions = f"in {crowd(trained['scenario'])}", "", ""
     if "reward" in trained:
         unit, further = "steps", [_listed(scenario) for scenario in trained["beside"]]
         rows = {"trained beside in": "; ".join(further)} if further else {}
         shown = f"{trained['nearest']} at most, the nearest" if trained["nearest"] else "none, but scans of a lidar"
         rows |= {"reward": str(trained["reward"]), "pedestrians shown": shown}
         if further:
-            setting, conditions = f"{setting}, and {len(further)} more", ", not in those beside it"
+            others = {scenario["name"] for scenario in trained["beside"]} - {trained["scenario"]["name"]}
+            setting = f"{setting}, and {len(others)} more scenario{'s' * (len(others) != 1)}"
+            where, conditions = f" of {trained['scenario']['name']}", ", not in those beside it"
     else:
         unit, limits = "episodes", ", ".join(f"{name} {limit:g}" for name, limit in trained["limits"].items())
         rows = {"predictor in the lookahead": trained["predictor"]} | ({"limits": limits} if limits else {})
@@ -72,7 +74,7 @@ def _driving_text(card: Mapping[str, Any]) -> CardText:
     scenario = f"{crowd(trained['scenario'])} (digest {trained['scenario']['digest']})"
     split = "test" if "test" in figures else "validation"
     measured = f"Measured once, after training, in the same scenario{conditions} (95 % intervals):"
-    summary = f"{setting}: {rate(figures[split]['metrics']['success_rate'])} success on {split} cases"
+    summary = f"{setting}: {rate(figures[split]['metrics']['success_rate'])} success on {split} cases{where}"
     return summary, {"scenario": scenario, **rows, "checkpoint": chosen}, [measured, "", *driving_table(figures)]
 
 
