@@ -113,9 +113,9 @@ def planner_page(name: str) -> str:
         failed = {end: [case for case, found in enumerate(drives) if found == end] for end in ("collision", "timeout")}
         counts = [f"{len(cases)} {end}{'s' * (len(cases) != 1)}" for end, cases in failed.items() if cases]
         links = [f"[val/{case}](../index.md#val/{case}:{name})" for cases in failed.values() for case in cases[:SHOWN]]
-        text = f"With realistic sensing, {drives.count('success')} of {len(drives)} crowds of `circle_20_blind` crossed"
-        text += f", {' and '.join(counts)}" if counts else ""
-        text += "; people do not see the vehicle."
+        crossed = f"{drives.count('success')} of {len(drives)} crowds of `circle_20_blind`"
+        text = f"It crosses {crossed}, with realistic sensing and people who do not see it."
+        text += f" Failures: {' and '.join(counts)}." if counts else ""
         watch = f" Watch it fail, or drive yourself: {', '.join(links)}." if links else ""
         parts += ["## In the game of the start page", text + watch, f"<!-- figure: paths of {name} -->"]
     parts += ["## Options", _definitions(entries) if entries else "It has no options."]

@@ -172,7 +172,7 @@ def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = ""
         meant = did_you_mean(name, known, files)
         shown = "there are " + ", ".join(known)
         if meant and len(known) > MANY:
-            shown = f"crowdbench list shows all {len(known)}"
+            shown = "see crowdbench list"
         raise InputError(f"no {kind} is called {name!r}{meant}; {shown}{hint}")
     return known[name]
 

@@ -190,7 +190,7 @@ def test_a_file_of_two_kinds_or_of_none_is_told(tmp_path):
         (("circle_crossing", "--kind", "layouts", "--option", "radius=2"), "unknown key layout.radius"),
         (
             ("length", "--kind", "metrics"),
-            "no metric is called 'length' (did you mean path_length?); crowdbench list shows all ",
+            "no metric is called 'length' (did you mean path_length?); see crowdbench list",
         ),
         (("orca", "--kind", "pedestrians", "--option", "a=1"), "a pedestrian policy, which has no options"),
     ],

@@ -6,10 +6,10 @@ import torch
 from safetensors.torch import save_file
 
 from crowdbench import InputError, load_network, load_predictor
-from crowdbench.networks.card import markdown
+from crowdbench.networks.card import headline, markdown
 from crowdbench.networks.social_gan import Generator
 from crowdbench.networks.value import NETWORKS
-from crowdbench.networks.weights import read_card, save_network, weights_digest
+from crowdbench.networks.weights import built_in, read_card, save_network, weights_digest
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")
@@ -76,6 +76,14 @@ def test_missing_weights_are_refused(tmp_path):
 def test_weights_without_a_card_are_refused(saved):
     saved.with_suffix(".json").unlink()
     assert "need their card mine.json beside them" in refused(saved)
+
+
+def test_a_headline_counts_every_other_scenario_once_and_names_the_one_that_was_measured():
+    cards = {path.stem: headline(read_card(path)) for path in built_in()}
+    # Both list scenarios several times, the first one among them.
+    assert "in fleet_4, 12 pedestrians, and 1 more scenario: " in cards["ippo"]
+    assert "pedestrians, and 9 more scenarios: " in cards["ppo_lidar"]
+    assert cards["ippo"].endswith("success on validation cases of fleet_4")
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,11 @@ def test_unknown_names_and_options_are_told_with_the_known(mine):
         catalog.load_planner("orka")
     with pytest.raises(InputError, match="there is no file"):
         catalog.load_planner("./nowhere.py")
+    message = r"^no scenario is called 'dor_10' .did you mean door_10 or shop_10..; see crowdbench list, or give a file"
+    with pytest.raises(InputError, match=message):
+        catalog.load_scenario("dor_10")
+    with pytest.raises(InputError, match="no scenario is called 'xyzzy'; there are circle_crossing_10, "):
+        catalog.load_scenario("xyzzy")
     with pytest.raises(InputError, match=r"mine has no option 'sped' .did you mean speed.*; its options are: speed"):
         catalog.load_planner(mine, {"sped": 1})
 
